@@ -6,11 +6,11 @@ Input     the photograph squeezed to 384 x 256 (Lanczos), 0..1, with 32 black pi
           of what the network sees, centres at + 0.5 (their loader places the principal point rightly only in the
           middle). Poses are camera-to-world, OpenCV axes; the source's is the identity.
 Output    `color_gauss` of the target, sRGB in 0..1. Their Gaussians have view-dependent colours and were trained to
-          blend in sRGB, which a renderer in linear light changes: their rasteriser makes the picture. It is asked for
-          the target's own aspect at 256 rows, the density it was trained at, and the harness enlarges it.
+          blend in sRGB, which a renderer in linear light changes, so their rasteriser draws the picture. It draws the
+          target's aspect at 256 rows, the density of training, and the harness enlarges it.
 Lost      resolution: 256 rows. Translations are metres against UniDepth's metric depth, or with depth=privileged
-          divided by the median of true over UniDepth's depth; their evaluation fits a scale for each picture to
-          COLMAP's points instead, which is other knowledge. Behind the Gaussians is their grey.
+          divided by the median of true over UniDepth's depth; their evaluation instead fits a scale for each picture
+          to COLMAP's points. The background is their grey.
 Licence   no licence is stated, and the rasteriser is Inria's, not for commercial use. Neither comes with this file.
 
 $ PYTHONPATH=flash3d sharp-bench run --dataset middlebury=data/Middlebury2014 --out runs/flash3d --method \
@@ -32,7 +32,7 @@ def load(options: argparse.Namespace):
     import models.model
     from hydra import compose, initialize_config_dir
 
-    # A name that it does not know keeps the target's principal point: under "re10k" it is taken for the middle.
+    # An unknown name keeps the target's principal point; under "re10k" the centre would be used.
     overrides = ["+experiment=layered_re10k", "model.depth.version=v1", "data_loader.batch_size=1"]
     overrides += ["dataset.name=harness", "dataset.scale_pose_by_depth=false"]
     folder = pathlib.Path(models.model.__file__).resolve().parents[1] / "configs"

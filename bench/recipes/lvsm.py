@@ -1,4 +1,4 @@
-"""LVSM, the models of scenes: the target view as the transformer paints it, from one input.
+"""LVSM, the models of scenes: the target view as the transformer predicts it, from one input.
 
 Calls     the class that the configuration names (model.LVSM_scene_decoder_only.Images2LatentScene or its
           encoder-decoder twin) and data.dataset_scene.Dataset.preprocess_poses of Haian-Jin/LVSM, written against
@@ -8,8 +8,8 @@ Input     the square in the middle of the photograph at 256 x 256 (Lanczos; 512 
           and scaled by their own preprocess_poses.
 Output    the square in the middle of the target (crop=center:1:1), sRGB in 0..1.
 Lost      the rest of both pictures, and resolution. The models were trained with two inputs or more; here there is
-          one. Scale: preprocess_poses brings any two cameras to the same distance, so the network is not told how far
-          the target is from the source, and one photograph does not tell it either. With scales= that distance is
+          one. Scale: preprocess_poses normalises the distance of any two cameras, so the network does not know how far
+          the target is from the source, and a single photograph does not show it. With scales= that distance is
           multiplied by each scale. Two cameras in one place are refused.
 Licence   CC BY-NC-SA 4.0, not for commercial use. Nothing of it comes with this file.
 

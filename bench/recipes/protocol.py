@@ -1,9 +1,9 @@
-"""What the recipes share: the lines of JSON of `--method command:…`, cutting pictures together with their intrinsics,
-and running a function that predicts Gaussians.
+"""Shared by the recipes: the JSON lines of `--method command:…`, cropping pictures together with their intrinsics, and
+running a function that predicts Gaussians.
 
 Conventions of the harness, everywhere in these files: OpenCV axes, metres, target_from_source maps points of the
-source camera to the target camera, and the centre of pixel (i, j) lies at (i + 0.5, j + 0.5). In that convention a cut
-and a resize change intrinsics by a shift and a factor, nothing else.
+source camera to the target camera, and the centre of pixel (i, j) lies at (i + 0.5, j + 0.5). In that convention,
+cropping shifts intrinsics and resizing multiplies them; nothing else changes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-Box = tuple[float, float, float, float]  # left, top, right, bottom, in pixels; may lie outside of the picture
+Box = tuple[float, float, float, float]  # left, top, right, bottom, in pixels; may lie outside the picture
 
 
 @dataclass
@@ -43,8 +43,8 @@ class Pair:
 
 
 def serve(load: Callable[[], Callable[[Pair], np.ndarray]]) -> None:
-    """Answers requests until there are no more: `load` makes the network ready and returns what predicts one pair."""
-    # These projects print while they work, and standard output belongs to the answers alone.
+    """Answers requests until the input ends. `load` prepares the network and returns a function that predicts one pair."""
+    # These projects print while they work, but standard output must contain only answers.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     predict = load()
@@ -111,7 +111,7 @@ def trajectory(target_from_source: np.ndarray, frames: int) -> np.ndarray:
 
 def cut(picture: Image.Image, box: Box, size: tuple[int, int], kernel: int = Image.Resampling.LANCZOS) -> Image.Image:
     """The part `box` of a picture at `size`, white where the box leaves the picture."""
-    # Edges that rounding put beside the picture lie on it: they shall not bring a white line in.
+    # Edges that are outside the picture only by rounding count as on its edge, so that no white line appears.
     left, top = (0.0 if abs(edge) < 1e-6 else float(edge) for edge in box[:2])
     right, bottom = (float(n) if abs(edge - n) < 1e-6 else float(edge) for edge, n in zip(box[2:], picture.size))
     before = [max(0, math.ceil(-edge)) for edge in (left, top)]
@@ -138,7 +138,7 @@ def center_square(size: tuple[int, int]) -> Box:
 
 
 def center(size: tuple[int, int], aspect: tuple[int, int]) -> Box:
-    """The largest part in the middle with an aspect: exactly the pixels that `crop=center:W:H` scores."""
+    """The largest centred part with an aspect ratio: exactly the pixels that `crop=center:W:H` scores."""
     across = min(size[0], math.floor(size[1] * aspect[0] / aspect[1] + 0.5))
     down = min(size[1], math.floor(size[0] * aspect[1] / aspect[0] + 0.5))
     x, y = (size[0] - across) // 2, (size[1] - down) // 2
@@ -170,7 +170,7 @@ def evaluation(text: str) -> argparse.ArgumentParser:
 
 
 def evaluate(of_source: Callable, label: str, recipe: str, options: argparse.Namespace) -> None:
-    """Runs `of_source(source) -> sharp_bench.Gaussians`; other weights or another recipe predict anew."""
+    """Runs `of_source(source) -> sharp_bench.Gaussians`; predicts again if the weights or the recipe change."""
     import sharp_bench as sb
 
     digest = hashlib.sha256()

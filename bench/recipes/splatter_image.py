@@ -6,13 +6,13 @@ Calls     scene.gaussian_predictor.GaussianSplatPredictor, gaussian_renderer.ren
 Input     128 x 128, 0..1, one object on white. The model is made for one field of view (52 degrees) around the
           optical axis: that part of the photograph is cut out, white where it leaves the photograph. Matrices are for
           row vectors (transposed), OpenCV axes; the source camera is the identity. The camera was some 1.3 units from
-          the object in training, and nothing in a photograph tells how many metres a unit is: --units-per-metre says
+          the object in training; a photograph does not show how many metres a unit is, so --units-per-metre states
           it.
 Output    the square in the middle of the target at 128 x 128, sRGB in 0..1, over white. Colours depend on the view
-          and were trained to blend in sRGB, which a renderer in linear light changes: their rasteriser makes the
-          picture.
-Lost      all but the middle square of the target (crop=center:1:1), resolution, metric scale. It knows single cut-out
-          objects: on scenes it is a lower bound, not a comparison. CO3D models also need distances to an object's
+          and were trained to blend in sRGB, which a renderer in linear light changes, so their rasteriser draws
+          the picture.
+Lost      all but the middle square of the target (crop=center:1:1), resolution, metric scale. It was trained on
+          single cut-out objects: on scenes it is a lower bound, not a comparison. CO3D models also need distances to an object's
           origin: refused.
 Licence   no licence is stated, and the rasteriser is Inria's, not for commercial use. Neither comes with this file.
 

@@ -1,4 +1,4 @@
-"""Stable Virtual Camera: the target view as it samples it, from one input.
+"""Stable Virtual Camera: a sampled target view, from one input.
 
 Calls     seva.eval.{load_img_and_K, transform_img_and_K, run_one_scene}, seva.model.SGMWrapper,
           seva.utils.load_model, seva.modules.autoencoder.AutoEncoder, seva.modules.conditioner.CLIPConditioner and
@@ -77,7 +77,7 @@ def load(options: argparse.Namespace):
                 traj_prior_c2ws=None,
                 seed=options.seed,
             )
-            list(made)  # a generator, which works as it is gone through
+            list(made)  # a generator, which computes while it is consumed
             picture = Image.open(pathlib.Path(folder) / "samples-rgb/000.png").convert("RGB")
             return protocol.cut(picture, (x, y, width - x, height - y), pair.target_size)
 

@@ -11,7 +11,7 @@ Output    the target camera drawn by their PyTorch renderer, with the source's i
           resized here (Lanczos). Planes are first converted back to inverse metres. Their OpenGL renderer, the default
           of run.py, assumes the principal point in the middle and draws one row lower.
 Lost      resolution: 1024. Tiles are padded (config.render_padsz) by as much as content moves, at most 512 pixels;
-          what no tile covers is black. With depth=privileged the motion is divided by the median of true over Depth
+          pixels that no tile covers are black. With depth=privileged the motion is divided by the median of true over Depth
           Pro's depth.
 Licence   CC BY-NC 4.0, not for commercial use; Depth Pro has Apple's. Neither comes with this file.
 

@@ -11,8 +11,8 @@ Lost      their renderings divide colour by alpha, so that thin places are not d
           Their validation renders with a low-pass of 0.01: `sharp-bench run --eps2d config`, which this recipe does
           not set. They hand intrinsics for whole-number pixel centres to gsplat, which puts centres at + 0.5, so
           their own renderings are half a pixel off where the harness's are not. Fisheye and panoramas have no reader
-          here. A config.json beside the checkpoint, which their script reads too, is not read: the checkpoint holds
-          the same values.
+          here. A config.json next to the checkpoint, which their script also reads, is not read: the checkpoint
+          has the same values.
 Licence   CC BY-NC 4.0, not for commercial use; so is UniK3D, which it needs. Neither comes with this file.
 
 $ python bench/recipes/uni_sharp.py --checkpoint unisharp.pt \
@@ -37,7 +37,7 @@ def main() -> None:
     options = protocol.evaluation(__doc__).parse_args()
     device = torch.device(options.device)
     checkpoint = torch.load(options.checkpoint, map_location="cpu", weights_only=False)
-    # What decides the architecture stands in the checkpoint, under "config" or beside it.
+    # The checkpoint states the architecture, under "config" or at the top level.
     stated = {**checkpoint.get("config", {}), **checkpoint}
     names = [field.name for field in dataclasses.fields(UnisharpFeatureConfig)]
     model = UnisharpFeatureModel(UnisharpFeatureConfig(**{name: stated[name] for name in names if name in stated}))

@@ -3,10 +3,10 @@
   if (!cards) { return; }
   var data = JSON.parse(one('#data').textContent), more = one('#more');
   data.pairs.forEach(function (pair, at) { pair.order = at; });
-  // Cards that are made at once.
+  // Number of cards created at once.
   var STEP = 8;
 
-  // Text from the data becomes text and nothing else.
+  // Text from the data is inserted as text, never as markup.
   function make(name, attributes, children) {
     var element = document.createElement(name);
     Object.keys(attributes).forEach(function (key) { element.setAttribute(key, attributes[key]); });
@@ -28,13 +28,13 @@
     return values.length ? values.reduce(function (a, b) { return a + b; }, 0) / values.length : null;
   }
   function entered(id) { var input = one(id); return input ? number(input.value) : null; }
-  // What has no number is in no range but the whole.
+  // Pairs without a number match only the full range.
   function within(value, from, to) {
     if (from === null && to === null) { return true; }
     return value !== null && (from === null || value >= from) && (to === null || value <= to);
   }
 
-  // The pairs that pass the filters, in their order, and how many of them have a card.
+  // The pairs that pass the filters, in display order, and the number of them that have a card.
   var matching = [], drawn = 0;
   function arrange() {
     var dataset = one('#f-dataset').value, scene = one('#f-scene').value, of = one('#f-of').value;
@@ -42,7 +42,7 @@
     var baseline = [entered('#f-baseline-from'), entered('#f-baseline-to')], range = [entered('#f-score-from'), entered('#f-score-to')];
     var metric = one('#f-metric') ? +one('#f-metric').value : 0;
     var sort = one('#f-sort').value.split(':'), change = one('#f-change') ? one('#f-change').value : '';
-    // By how much B is worse than A, where the page compares two runs.
+    // By how much B is worse than A, if the page compares two runs.
     var lossOf = sort[1] && sort[1].indexOf('loss-') === 0 ? +sort[1].slice(5) : null;
     function key(pair) {
       if (sort[0] === 'order') { return pair.order; }
@@ -68,7 +68,7 @@
     cards.append.apply(cards, next.map(function (pair) { return card(pair, methods); }));
     drawn += next.length;
     more.hidden = drawn >= matching.length;
-    // Seen anew, should it still be in view.
+    // Observed again, in case it is still in view.
     watcher.unobserve(more);
     if (!more.hidden) { watcher.observe(more); }
   }
@@ -92,7 +92,7 @@
     shown.append(make('figcaption', {}, caption));
     return shown;
   }
-  // A prediction shows the target while pointed at or focused.
+  // A prediction shows the target while hovered or focused.
   function flips(shown, image, button, pair) {
     var target = pair.pictures.target, own = image.getAttribute('src');
     if (typeof target === 'string') { return; }
@@ -108,7 +108,7 @@
     });
     button.addEventListener('blur', function () { flip(false); });
   }
-  // Names with what stands for them: scores, what the method reports, or why it failed.
+  // Names with their values: scores, values reported by the method, or the reason for a failure.
   function listed(shown) {
     if (shown.failed !== undefined) { return [{ name: 'failed', text: shown.failed, bad: true }]; }
     return shown.scores.map(function (score, metric) {
@@ -141,7 +141,7 @@
       make('div', { class: 'strip' }, [views].concat(methods.map(function (method) { return column(pair, method); })))]);
   }
 
-  // The scenes of the dataset that is chosen.
+  // The scenes of the selected dataset.
   function offerScenes() {
     var dataset = one('#f-dataset').value, list = one('#f-scene'), names = {};
     data.pairs.forEach(function (pair) { if (dataset === '' || pair.dataset === +dataset) { names[pair.scene] = true; } });

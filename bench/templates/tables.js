@@ -9,7 +9,7 @@
     root.dataset.theme = dark ? 'light' : 'dark';
   });
 
-  // A number from a cell or from the data; what has none goes last in either direction.
+  // A number from a cell or from the data; entries without one come last in either direction.
   function number(text) {
     if (text === undefined || text === null || text === '') { return null; }
     var value = text === 'inf' ? Infinity : text === '-inf' ? -Infinity : parseFloat(text);

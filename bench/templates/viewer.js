@@ -1,9 +1,9 @@
-  // The large view. Its pictures are those of run and dataset, where they are in place, else those of the page.
+  // The large view. It shows the pictures of run and dataset if they are available, else those of the page.
   var viewer = one('#viewer'), stage = one('.stage', viewer), pan = one('#v-pan'), under = one('#v-under'), over = one('#v-over'), bar = one('#v-bar');
   var now = { pair: null, method: null, view: 'prediction', split: 0.5, zoom: 1, x: 0, y: 0 };
   function clamp(value, low, high) { return Math.min(high, Math.max(low, value)); }
   function isSplit() { return now.view === 'compare' || now.view === 'sides'; }
-  // The methods A and B that the current one is one of.
+  // The methods A and B of the comparison that contains the current method.
   function sides() {
     var b = data.methods.map(function (method, at) { return at; }).filter(function (at) {
       var against = data.methods[at].against;
@@ -26,7 +26,7 @@
     element.onerror = function () { element.onerror = null; element.src = shown.small; };
     element.src = wanted;
   }
-  // Where a contained picture begins and ends in the stage, before it is zoomed.
+  // Bounds of a fitted picture in the stage, before zooming.
   function span() {
     var box = stage.getBoundingClientRect(), ratio = under.naturalWidth / under.naturalHeight || 1;
     var width = Math.min(box.width, box.height * ratio);
@@ -59,7 +59,7 @@
     now.y = y - (y - now.y) * now.zoom / before;
     place();
   }
-  // What a view puts on top, and below it where there is a boundary between two.
+  // The top layer of a view, and the layer below if there is a boundary between two.
   function layers(view) {
     var both = sides();
     if (view === 'sides') { return both.length ? [picture('prediction', both[1]), picture('prediction', both[0])] : [{ absent: '' }]; }

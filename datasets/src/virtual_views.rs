@@ -275,7 +275,7 @@ fn scene(spec: &DatasetSpec, options: &Options, file: &Path) -> Result<Scene, Da
 
 fn depth_of(folder: &Path, stem: &str) -> Result<ViewDepth, DatasetError> {
     let maps = files::of_stem(folder, stem, &DEPTH_EXTENSIONS);
-    // A PNG beside a float map is its visualisation.
+    // A PNG next to a float map is its visualisation.
     let Some(map) = maps.into_iter().next() else {
         let reason = format!("no depth map {stem}.{}", DEPTH_EXTENSIONS.join(", ."));
         return Err(DatasetError::malformed(folder, reason));

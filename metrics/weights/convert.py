@@ -1,4 +1,4 @@
-"""Makes the safetensors files beside this script from the PyPI packages lpips 0.1.4 and
+"""Makes the safetensors files next to this script from the PyPI packages lpips 0.1.4 and
 DISTS-pytorch 0.1, whose weights are legacy pickles with CUDA storages.
 
     pip install torch==2.15.0 safetensors==0.8.0 numpy

@@ -27,7 +27,7 @@ import lenses
 import resizers
 import training
 
-# What may differ. Statistics of ours are f64, so that f64 references have to agree to 1e-9. kornia
+# Tolerances. Our statistics are f64, so f64 references must agree to 1e-9. kornia
 # adds 1e-12 to SSIM's denominators, which counts where a picture is black and flat; OpenCV's SSIM is
 # f32; our colour curves are f32.
 EXACT = 1e-9

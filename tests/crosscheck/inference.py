@@ -14,13 +14,13 @@ from statsmodels.stats.power import TTestPower
 FORMULA = 1e-12
 # Our quadrature against scipy's series, relative.
 DISTRIBUTION = 1e-11
-# Power, by quadrature on both sides of a function that is steep for few degrees of freedom.
+# Power: both sides integrate a function that is steep for few degrees of freedom.
 POWER = 1e-8
 # scipy takes 1 - p, whose rounding counts where p is small.
 CONFIDENCE = 1e-9
 # Degrees of freedom: roots of a tail that we state to nine digits.
 DEGREES = 1e-7
-# A p that counts patterns.
+# A p value that counts patterns.
 COUNT = 1e-12
 # Our drawn signs against scipy's: six standard deviations of either share.
 DRAWN = 6 * (2 * 0.25 / 10_000) ** 0.5
@@ -112,7 +112,7 @@ def power(shift, nu, alpha):
 
 def compare_power(comparison, quantity, shift, nu, alpha):
     comparison.add(quantity, "scipy", power(shift, nu, alpha), 0.8, POWER)
-    # Where the noncentral t behind it keeps its digits.
+    # The range in which the underlying noncentral t is accurate.
     if nu > 5 and alpha > 0.01:
         theirs = TTestPower().power(shift / (nu + 1) ** 0.5, nu + 1, alpha)
         comparison.add(quantity, "statsmodels", theirs, 0.8, POWER)
@@ -188,7 +188,7 @@ def compare_sign_flips(comparison, rng, s, n, found):
         if np.ptp(n) == 0:
             theirs = stats.permutation_test((s,), np.sum, permutation_type="samples", n_resamples=np.inf)
             comparison.add("sign flips, all", "scipy", found["p"], theirs.pvalue, COUNT)
-        # Inside of an end the test keeps the mean, outside it does not.
+        # The test accepts means just inside an end of the interval, and rejects those just outside.
         centre = s.sum() / n.sum()
         for end in ends:
             step = 1e-9 * (end - centre)

@@ -17,7 +17,7 @@ import OpenEXR
 import torch
 import torchvision
 
-# Neither package is told of weights to download; torchvision remarks on how they call it.
+# Neither package may download weights; torchvision warns about how they call it.
 warnings.filterwarnings("ignore", module="torchvision")
 import DISTS_pytorch
 import lpips
@@ -41,7 +41,7 @@ BUNDLED = Path(__file__).parents[2] / "metrics/weights"
 
 
 def empty(architecture):
-    """A network of torchvision without values; making them up would take longer than all else."""
+    """A torchvision network without values; initialising them would take longer than everything else."""
     with torch.device("meta"):
         return getattr(torchvision.models, architecture)(weights=None).features
 
@@ -73,7 +73,7 @@ def lpips_of(net, weights):
 def dists_of(weights):
     with mock.patch.object(torchvision.models, "vgg16", return_value=network("vgg16", weights)):
         model = DISTS_pytorch.DISTS(load_weights=False)
-    # Saved on a GPU, which the package itself would insist on.
+    # Saved on a GPU, which the package itself would require.
     file = Path(DISTS_pytorch.__file__).with_name("weights.pt")
     stored = torch.load(file, map_location="cpu", weights_only=True)
     model.alpha.data, model.beta.data = stored["alpha"], stored["beta"]
@@ -133,7 +133,7 @@ def tensors(both):
 
 
 def add_lpips(comparison, quantity, ours, theirs):
-    """Deviations are scaled so that one bound stands for the absolute and the relative one."""
+    """Deviations are scaled so that one bound covers both the absolute and the relative one."""
     theirs = np.asarray(theirs)
     scale = np.maximum(1, LPIPS_RELATIVE / LPIPS * np.abs(theirs))
     comparison.add(quantity, "lpips", np.asarray(ours) / scale, theirs / scale, LPIPS)
@@ -203,12 +203,12 @@ def compare_resized(comparison, run_json, binary, dists, options, rng, folder, p
     from DISTS_pytorch.DISTS_pt import prepare_image
     x, y = [prepare_image(Image.open(f).convert("RGB"), resize=True).double() for f in files]
     ours = answer["pairs"][0]["scores"]["dists[resize256]"]
-    # torchvision hands the pictures over in f32, v / 255 rounded.
+    # torchvision passes the pictures as f32, v / 255 rounded.
     comparison.add("dists[resize256]", "DISTS-pytorch", ours, dists(x, y).item(), DISTS)
 
 
 def published_weights():
-    """The published weights by network: two lie beside their metric, SqueezeNet 1.1's may be at hand."""
+    """The published weights by network: two are bundled with the metrics, SqueezeNet 1.1's may be available."""
     shared = Path(os.environ.get("SHARP_BENCH_SHARED", Path(__file__).parents[2] / "../shared"))
     cache = os.environ.get("SHARP_BENCH_WEIGHTS") or Path.home() / ".cache/sharp-bench/weights"
     files = {"alex": BUNDLED / "alexnet.safetensors", "vgg": BUNDLED / "vgg16.safetensors"}

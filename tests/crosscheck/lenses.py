@@ -48,7 +48,7 @@ def opencv_distortion(model, extra):
 def opencv_project(model, points, k, distortion):
     zero = np.zeros(3)
     if model == "THIN_PRISM_FISHEYE":
-        # The fisheye part by hand; OpenCV's thin prism acts on what it gives.
+        # The fisheye part is computed here; OpenCV's thin prism is applied to its result.
         uv = points[:, :2] / points[:, 2:]
         radius = np.linalg.norm(uv, axis=1, keepdims=True)
         scale = np.where(radius > 0, np.arctan(radius) / np.where(radius > 0, radius, 1), 1)
@@ -166,7 +166,7 @@ def compare(comparison, program, rng, folder):
         theirs = cv2.remap(taken, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
         undistorted = np.fromfile(folder / f"{model}.u8", np.uint8).reshape(theirs.shape)
         comparison.add(f"undistorted {model}", "OpenCV remap", undistorted, theirs, LEVELS)
-        # Where OpenCV's answer does not hang on the last digits of its f32 maps, ours is the same.
+        # Where OpenCV's result does not depend on the last digits of its f32 maps, ours is the same.
         theirs = remapped_mask(mask, maps)
         shifts = [(x, y) for x in (-MAP_F32, MAP_F32) for y in (-MAP_F32, MAP_F32)]
         firm = np.all([remapped_mask(mask, (maps[0] + np.float32(x), maps[1] + np.float32(y))) == theirs

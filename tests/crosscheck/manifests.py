@@ -12,7 +12,7 @@ import kubernetes_validate
 import yaml
 
 BINARY, WORK = sys.argv[1], pathlib.Path(sys.argv[2])
-# A name that a careless template would break: characters of YAML (one that ends a line there), the shell and Kubernetes.
+# A name that breaks a template without escaping: special characters of YAML (including a line separator), the shell and Kubernetes.
 PLAN = WORK / "it's: a #plan\u2028kind: Secret $(HOME) $$(HOME) `touch pwned`; \\ \"x\" \U0001f600"
 DATASET = "synthetic=size=48x36,views=4"
 
@@ -38,7 +38,7 @@ for name in ["job.yaml", "merge.yaml"]:
     command = manifest["spec"]["template"]["spec"]["containers"][0]["command"]
     command = [expanded(part) for part in command]
     if name == "job.yaml":
-        # What a pod would do, done here by each index.
+        # Runs here what a pod would run, for each index.
         for index in range(3):
             environment = {"JOB_COMPLETION_INDEX": str(index), "PATH": f"{pathlib.Path(BINARY).resolve().parent}:/usr/bin:/bin"}
             subprocess.run(command, check=True, env=environment, stdout=subprocess.DEVNULL)

@@ -7,7 +7,7 @@ import torch.nn.functional as F
 
 
 class Kinks(Exception):
-    """A unit is so near to switching that f32 may decide otherwise than f64."""
+    """A unit is so close to switching that f32 may decide differently from f64."""
 
 
 # Of the largest value of a layer: Winograd's rounding, relative L2, is 6e-7. Only what is differentiated counts.

@@ -134,7 +134,7 @@ def scale_gradient(scale):
 def scale_gradient_other(scale):
     total = 0
     for k in range(1, 7):
-        # The first of each 2^k × 2^k pixels that are whole.
+        # The first pixel of each complete block of 2^k × 2^k.
         rows, columns = (side // 2**k * 2**k for side in scale.shape)
         dx, dy = forward(scale[:rows : 2**k, :columns : 2**k])
         square = dx**2 + dy**2
@@ -278,7 +278,7 @@ def perceptual(network, on_features, predicted, target, mask):
 
 
 def covered(mask, map):
-    """The mean over what each pixel of a layer covers, in whole pixels, none twice."""
+    """The mean over the whole pixels that each pixel of a layer covers, without overlaps."""
     (height, width), (rows, columns) = mask.shape, map.shape[2:]
 
     def bounds(i, large, small):
@@ -322,7 +322,7 @@ def covariances(means, quaternions, scales, camera_from_scene, view, upstream):
 
 
 def rendered(means, quaternions, scales, opacities, colors, camera_from_scene, view):
-    """Every Gaussian at every pixel, front to back: colour, alpha, depth."""
+    """Blends every Gaussian at every pixel, front to back: colour, alpha, depth."""
     p, centres, shapes = projected(means, quaternions, scales, camera_from_scene, view)
     width, height, eps = int(view[4]), int(view[5]), view[6]
     drawn = [k for k in p[:, 2].argsort(stable=True).tolist()
@@ -338,7 +338,7 @@ def rendered(means, quaternions, scales, opacities, colors, camera_from_scene, v
         sigma = 0.5 * (d @ inverse[k] * d).sum(-1)
         alpha = (opacities[k] * torch.exp(-sigma)).clamp(max=0.999)
         seen = going & (alpha.detach() >= 1 / 255)
-        # A Gaussian that would leave 1e-4 or less ends its pixel and is not added.
+        # A Gaussian that would reduce the transmittance to 1e-4 or less finishes the pixel and is not added.
         going = going & ~(seen & (passing.detach() * (1 - alpha.detach()) <= 1e-4))
         alpha = torch.where(seen & going, alpha, 0)
         weight = alpha * passing
@@ -353,7 +353,7 @@ def renderer(**case):
     return sum((picture * weights).sum() for picture, weights in zip(rendered(**case), upstream))
 
 
-# Name of a case, without its number: its function, and what may differ of values and of gradients.
+# By name of a case, without its number: its function, and the tolerances of values and gradients.
 LOSSES = {
     "color": color, "color other": color_other, "alpha": alpha, "alpha other": alpha_other, "depth": depth,
     "depth other": lambda predicted, truth: depth(predicted, truth, 0.5), "tv": tv, "grad": grad,
@@ -380,7 +380,7 @@ def compare_case(comparison, name, case, stored):
     value = function(**inputs)
     gradients = torch.autograd.grad(value, list(leaves.values()))
     scale = abs(value.item())
-    # A bias before a normalisation has hardly any gradient: those of one network's weights are of one kind.
+    # A bias before a normalisation has hardly any gradient, so all gradients of a network's weights share one scale.
     least = 1e-3 * max(theirs.abs().max().item() for theirs in gradients) if name == "alignment" else 0
     comparison.add(f"training: {name}", "torch", stored["value"].item() / scale, value.item() / scale, of_value)
     for key, theirs in zip(leaves, gradients):

@@ -125,7 +125,7 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
     compare(dir, &["a", "m", "--out", "page"]).ends_with(0);
     let plot = read(dir.join("page/plots/motion-psnr.svg"));
     assert!(plot.contains("\nA\n") && plot.contains("\nB\n"), "{plot}");
-    // A bundle stands for its run.
+    // A bundle can replace its run.
     sharp_bench(dir, &["bundle", "a", "--out", "a.zip"]).ends_with(0);
     let bundled = compare(dir, &["a.zip", "b", "--json"]).ends_with(0).json();
     assert_eq!(bundled["rows"], json["rows"]);

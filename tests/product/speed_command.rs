@@ -1,4 +1,4 @@
-//! `speed` and `report --methods-text`: what a paper reports besides its scores.
+//! `speed` and `report --methods-text`: what a paper reports in addition to its scores.
 
 use std::path::Path;
 

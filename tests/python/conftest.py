@@ -1,5 +1,5 @@
-"""The package as the workspace built it, without an installation: SHARP_BENCH_MODULE is the shared library, SHARP_BENCH the program, the
-one beside the library unless given."""
+"""The package as the workspace built it, without an installation: SHARP_BENCH_MODULE is the shared library, SHARP_BENCH the program,
+by default the one next to the library."""
 
 import os
 import pathlib
@@ -17,7 +17,7 @@ PROGRAM = str(pathlib.Path(os.environ.get("SHARP_BENCH", BUILT / "sharp-bench"))
 
 if MODULE is not None:
     package = ROOT / "bench/python/sharp_bench"
-    # In one step: another process may have the old one open.
+    # Atomically, because another process may have the old one open.
     copy = package / f"_sharp_bench.{os.getpid()}.partial"
     shutil.copyfile(MODULE, copy)
     copy.replace(package / "_sharp_bench.abi3.so")

@@ -21,7 +21,7 @@ def put(path, content):
     elif isinstance(content, bytes):
         path.write_bytes(content)
     else:
-        # As PNG whatever the name says: no reader goes by the name.
+        # Always PNG, because readers ignore the extension.
         Image.fromarray(content).save(path, format="PNG")
 
 
@@ -116,7 +116,7 @@ def write_all(data):
         depth = np.where(view.depth() > 0, view.depth(), np.inf).astype("<f4")
         put(data / "eth3d/courtyard/ground_truth_depth/dslr_images" / jpg, depth.tobytes())
         put(data / "scannetpp/data/a1b2c3/dslr/resized_undistorted_images" / jpg, picture)
-    # Large enough for the frame of other evaluations.
+    # Large enough for the frames of published protocols.
     large = sb.datasets("synthetic=size=384x288,views=5")[0].scenes[0].views
     (data / "colmap/room/depth").mkdir(parents=True)
     for view in large:
@@ -159,7 +159,7 @@ def write_all(data):
     colmap_model(scene, views, lambda view: f"{view.id}.jpg")
     (scene / "images.txt").unlink()
 
-    # Booster, and a plain pair: the bundled one would do as well, but for its size.
+    # Booster, and a plain pair, smaller than the bundled one.
     left, right = (np.full((72, 96, 3), level, np.uint8) for level in (90, 100))
     left[20:50, 40:70] = right[20:50, 34:64] = (200, 60, 30)
     disparity = np.full((72, 96), 6, np.float32)

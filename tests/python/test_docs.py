@@ -1,4 +1,4 @@
-"""The blocks of Python in the documents that speak of this package, run as they stand on the bundled data."""
+"""Runs the Python blocks of the pages that use this package, unchanged, on the bundled data."""
 
 import pathlib
 import re
@@ -23,7 +23,7 @@ def test_documented_blocks_run(document, tmp_path, monkeypatch, capsys):
     data = pathlib.Path(sb.bundled_data(tmp_path / "unpacked"))
     (tmp_path / "data").mkdir()
     data.rename(tmp_path / "data/Middlebury2014")
-    # What the text around them speaks of.
+    # The names that the surrounding text mentions.
     picture = np.full((64, 80, 3), 90, np.uint8)
     names = {"prediction": picture, "target": picture + 9, "function": lambda source, camera: source.image()}
     monkeypatch.setattr("inspect.getsource", repr)

@@ -72,7 +72,7 @@ def test_a_function_scores_as_the_built_in_method_does(program, tmp_path):
     program("run", "--dataset", DATASET, "--method", "copy", *options)
     assert (tmp_path / "mine/scores.csv").read_bytes() == (tmp_path / "theirs/scores.csv").read_bytes()
     assert mine.counts == {"units": 12, "reused": 0, "scored": 12, "failed": 0, "left": 0}
-    # The same once more, and under another version anew.
+    # Reused the second time, and predicted again under another version.
     assert run(copy, tmp_path / "mine", label="copy").counts["reused"] == 12
     assert run(copy, tmp_path / "mine", label="copy", version="2").counts["scored"] == 12
     assert "copy" in str(mine) and "<table" in mine._repr_html_()
@@ -152,7 +152,7 @@ def test_what_a_function_raises_or_returns_wrongly_fails_that_pair_alone(tmp_pat
     reasons = " ".join(reason for reason in done.scores["reason"] if reason)
     for said in ["ValueError: no idea", "a str", "5x5", "0..1", "NoneType"]:
         assert said in reasons, reasons
-    # Failures are tried again.
+    # Failures are retried.
     assert run(moody, tmp_path / "r", version="1").counts["failed"] == 0
 
 
@@ -204,7 +204,7 @@ def test_runs_are_compared_and_swept_as_by_the_command_line(program, tmp_path):
     swept = sb.sweep(tmp_path / "a", x="rotation_deg", bins="quantile:2", metrics=["psnr"])
     program("sweep", tmp_path / "a", "--x", "rotation_deg", "--bins", "quantile:2", "--metrics", "psnr", "--out", tmp_path / "s")
     assert swept.csv == (tmp_path / "s/sweep.csv").read_text() and "<svg" in swept._repr_html_() and list(swept.figures) == ["psnr"]
-    with pytest.raises(ValueError, match='x="speed": one of baseline_m'):
+    with pytest.raises(ValueError, match='x="speed": expected one of baseline_m'):
         sb.sweep(tmp_path / "a", x="speed")
 
 
@@ -267,7 +267,7 @@ def test_commands_are_functions(tmp_path):
     assert {row["method_a"] for row in sb.compare(old, new, ["mean"])["rows"]} == {"mean"}
     renamed = sb.compare(old, new, metrics=["psnr"], rename={"copy": "Ours"}, breakdown=True)
     assert {row["method_a"] for row in renamed["rows"]} == {"mean", "Ours"}
-    # A method is known by its old name and by the new one.
+    # A method can be named by its old and by its new name.
     for name in ["copy", "Ours"]:
         assert {row["method_a"] for row in sb.compare(old, new, [name], rename={"copy": "Ours"})["rows"]} == {"Ours"}
     swept = sb.sweep(old, methods=["Ours"], datasets=["s"], rename={"copy": "Ours"}, metrics="psnr").csv.splitlines()

@@ -31,9 +31,9 @@ def test_numbers_are_those_of_the_command_line_to_the_last_digit(program, pictur
     assert scores == levels(program, tmp_path, prediction, target, "--metrics", "paper,ssim-all,lpips-vgg")
     floats = [(array / 255).astype(np.float32) for array in pictures]
     assert sb.metrics(*floats) == of_program(program, tmp_path, *floats)
-    # Wider floats are what they are in a file of float32.
+    # Wider floats are rounded to float32, as in a file.
     assert sb.metrics(*(array / 255 for array in pictures)) == sb.metrics(*floats)
-    # Never rounded to levels.
+    # Floats are never rounded to levels.
     brighter = np.clip(floats[0] + 1e-4, 0, 1)
     assert sb.metrics(brighter, floats[1], "psnr") != sb.metrics(floats[0], floats[1], "psnr")
 

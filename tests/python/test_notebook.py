@@ -1,4 +1,4 @@
-"""The notebook, cell by cell, as a kernel runs it: what a cell ends with is shown."""
+"""Runs the notebook cell by cell, as a kernel does: the last expression of a cell is shown."""
 
 import ast
 import json
@@ -29,7 +29,7 @@ def stored(cell):
 
 
 def rounded(text):
-    """Numbers that a processor cannot change; layout of lists and dictionaries left out."""
+    """Normalises an output: numbers to the digits that do not depend on the processor, and the layout of lists and dictionaries."""
     text = re.sub(r"\d+\.\d+(e-?\d+)?", lambda number: f"{float(number[0]):.3g}", text)
     return re.sub(r"\s+", "", text)
 
@@ -40,7 +40,7 @@ def test_every_cell_runs_and_shows_what_is_stored(tmp_path, monkeypatch):
     text = NOTEBOOK.read_text()
     assert len(text) < 300_000 and not re.search(r"/(tmp|home|root|work|Users)/", text)
     cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
-    # Whose source text is asked for.
+    # Needed because `evaluate` reads the function's source text.
     monkeypatch.setattr("inspect.getsource", lambda function: function.__name__)
     names = {"__name__": "__main__"}
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""The blocks of commands in the documents, run as they stand, in a folder that holds what their text speaks of."""
+"""Runs the command blocks of the pages, unchanged, in a folder with the files that the pages mention."""
 
 import collections
 import fcntl
@@ -19,7 +19,7 @@ import sharp_bench as sb
 
 PAGES = ["README.md", "bench/python/README.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "bench/docs").rglob("*.md"))]
 TEXTS = [*PAGES, "ARCHITECTURE.md", "TESTING.md"]
-# Blocks that need more than this repository, which a page says above them, and how many there are of each.
+# Blocks that need more than this repository, with the reason that the page states above them, and their number.
 NOT_RUN = {
     ("bench/docs/network.md", "needs the official checkpoint"): 1,
     ("bench/docs/network.md", "a changed model of yours"): 1,
@@ -31,7 +31,7 @@ NOT_RUN = {
     ("bench/docs/scale.md", "needs a cluster"): 2,
     ("bench/docs/security.md", "needs cargo-deny 0.20 and the network"): 1,
 }
-# What other stages of CI run.
+# Commands that other stages of CI run.
 ELSEWHERE = ("cargo run --release -p sharp-bench -- demo", "cargo test ", "cargo doc ", "pip install .", ".ci/", "git clone ")
 BUILT = "cargo run --release -p sharp-bench -- "
 LANGUAGES = {"console", "python", "rust", "text", "toml"}
@@ -39,7 +39,7 @@ BLOCK = re.compile(r"(?:^ *<!-- not run: ([^\n]*?) -->\n)?^( *```console\n.*?)^ 
 
 
 def blocks(page):
-    """Pairs of why a block is not run, or nothing, and its lines; those within lists are indented."""
+    """For each block, the reason why it is not run (or nothing) and its lines; blocks within lists are indented."""
     text = (ROOT / page).read_text()
     found = [(reason, textwrap.dedent(block).partition("\n")[2]) for reason, block in BLOCK.findall(text)]
     assert len(found) == text.count("```console"), f"{page}: a block that does not end"
@@ -47,7 +47,7 @@ def blocks(page):
 
 
 def commands(block):
-    """Lines behind `$ `, joined where they go on; other lines are what comes out."""
+    """Lines after `$ `, with continuation lines joined; all other lines are output."""
     found = []
     for line in block.splitlines():
         if line.startswith("$ "):
@@ -58,7 +58,7 @@ def commands(block):
 
 
 def run_here(block):
-    """Its commands, less those of other stages, and with the program that is built already."""
+    """The commands of a block without those of other stages, using the program that is already built."""
     return [re.sub(f"^{BUILT}", "sharp-bench ", command) for command in commands(block) if not command.startswith(ELSEWHERE)]
 
 
@@ -72,7 +72,7 @@ def run(command, folder):
 
 @pytest.fixture(scope="session")
 def world(tmp_path_factory):
-    """The folder that `build_world` fills, once where several processes share the tests."""
+    """The folder that `build_world` fills, only once if several processes share the tests."""
     base = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         base = base.parent
@@ -115,7 +115,7 @@ def build_world(folder):
         (folder / name).mkdir()
         picture = Image.fromarray(np.full((64, 96), 255, np.uint8)) if name == "masks" else small.rotate(name == "targets")
         picture.save(folder / name / "1.png")
-    # What "your method" has made by its loop.
+    # The output of "your method".
     made = folder / "predictions/middlebury/Motorcycle-quarter/im0__im1.png"
     made.parent.mkdir(parents=True)
     shutil.copy(source, made)
@@ -127,7 +127,7 @@ def build_world(folder):
         '{"width": 96, "height": 72, "K": [80,0,48, 0,80,36, 0,0,1], "camera_from_world": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]}'
     )
     write_all(folder / "data")
-    # Other people's list of the second of these.
+    # A published list for the second of these.
     (folder / "theirs.json").write_text('{"room": {"context": [0, 3], "target": [1, 2]}}')
     run("git init -q . && git -c user.name=a -c user.email=a@b commit -q --allow-empty -m one", folder)
 

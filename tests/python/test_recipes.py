@@ -68,7 +68,7 @@ def shifted(K, x, y):
 
 
 def best_mistake(metric):
-    """The highest score among pictures of likely mistakes. Without metric scale its being off is none."""
+    """The highest score among pictures that likely mistakes give. Without metric scale, a wrong scale is not a mistake."""
     flip = np.diag([1, -1, -1, 1])
     further = POSE.copy()
     further[:3, 3] *= 1.1
@@ -131,7 +131,7 @@ def stubs(monkeypatch):
 
 
 def write_weights(folder):
-    """What each of them is given as its weights."""
+    """The weights file that each recipe receives."""
     torch.save({"weight": torch.ones(1)}, folder / "sharp.pt")
     unisharp = {"config": {"initializer_scale_factor": 1.25, "unheard_of": 1}, "unik3d_backbone": "vitb"}
     torch.save(unisharp, folder / "unisharp.pt")
@@ -233,7 +233,7 @@ def test_what_they_share(monkeypatch):
     monkeypatch.syspath_prepend(RECIPES)
     import protocol
 
-    # A cut moves pictures and intrinsics alike, also where it leaves the picture.
+    # Cropping shifts pictures and intrinsics equally, even beyond the picture.
     K = SOURCE["K"]
     whole = Image.fromarray(picture(SOURCE["size"], K))
     box = (30.25, 12.5, 250.75, 160)
@@ -261,7 +261,7 @@ def test_what_they_share(monkeypatch):
 
 
 def test_a_pair_that_cannot_be_predicted_is_answered(monkeypatch, stubs, tmp_path):
-    """An exception is that pair's; what is printed meanwhile does not come between the answers."""
+    """An exception fails only its pair, and other output does not appear between the answers."""
     picture_file = tmp_path / "source.png"
     Image.fromarray(picture(SOURCE["size"], SOURCE["K"])).save(picture_file)
     (tmp_path / "mine.py").write_text(
@@ -293,6 +293,6 @@ def test_every_row_of_the_papers_main_tables_has_a_recipe():
         rows = {row["row"] for row in csv.DictReader(file) if row["table"] in ("quantitative", "privileged", "timing-comparison")}
     assert rows == {"SHARP (ours)", *ways}
     assert all((RECIPES / recipe).exists() for recipe in ways.values())
-    # And every recipe is on the page of recipes.
+    # The page of recipes names every recipe.
     listed = (ROOT / "bench/docs/recipes.md").read_text()
     assert all(f"`{recipe.name}`" in listed for recipe in RECIPES.glob("*.py"))

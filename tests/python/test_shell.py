@@ -1,4 +1,4 @@
-"""How the program behaves in shells: pipes, terminals, colours, and paths of any bytes."""
+"""Behaviour in shells: pipes, terminals, colours, and paths of arbitrary bytes."""
 
 import fcntl
 import os
@@ -16,7 +16,7 @@ PAIR = ROOT / "datasets/bundled/middlebury/Motorcycle-quarter"
 
 
 def on_terminal(arguments, folder, columns, **environment):
-    """What the program prints on a terminal of so many columns, and its exit code."""
+    """The output of the program on a terminal of the given width, and its exit code."""
     child, terminal = pty.fork()
     if child == 0:
         os.chdir(folder)
@@ -66,7 +66,7 @@ def test_a_reader_that_stops_is_no_error():
         script = f'"$0" {command} | head -c 1 >/dev/null; exit "${{PIPESTATUS[0]}}"'
         done = subprocess.run(["bash", "-c", script, PROGRAM], capture_output=True, text=True)
         assert (done.returncode, done.stderr) == (0, ""), command
-    # A full disk is one.
+    # A full disk is an error.
     done = subprocess.run(["bash", "-c", '"$0" datasets list >/dev/full', PROGRAM], capture_output=True, text=True)
     assert done.returncode == 1 and "No space left" in done.stderr
 
@@ -89,7 +89,7 @@ def test_paths_of_any_bytes(tmp_path):
     picture = os.path.join(odd, b"im0.png")
     os.symlink(os.fsencode(PAIR / "im0.png"), picture)
     assert b"inf" in run("metrics", picture, os.fsencode(PAIR / "im0.png"), "--metrics", "psnr").stdout
-    # Where a path is part of a specification, it has to be text: that is said, not guessed.
+    # A path within a specification must be text; otherwise, an error says so.
     done = run("run", "--dataset", b"stereo=" + odd, "--method", "copy", "--out", os.path.join(odd, b"x"))
     assert done.returncode == 2 and b"invalid UTF-8" in done.stderr
 

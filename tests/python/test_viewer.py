@@ -1,4 +1,4 @@
-"""The page of `render --viewer` in a report; what it draws is tested in tests/product/browser.rs."""
+"""The page of `render --viewer` in a report; tests/product/browser.rs tests what it draws."""
 
 import json
 import subprocess
@@ -18,7 +18,7 @@ def test_a_report_links_the_page_that_lies_beside_a_kept_picture(program, tmp_pa
     link = "../" + page.relative_to(run).as_posix()
     assert html.count('"viewer":') == 1 and f'"viewer":"{link}"' in html
     assert "Its Gaussians" in html
-    # It loads nothing, and nothing but its own script runs.
+    # It loads nothing, and only its own script runs.
     text = page.read_text()
     assert "default-src 'none'" in text and "http" not in text.split("</style>")[1].split("<script id=")[0]
 

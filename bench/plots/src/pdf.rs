@@ -276,7 +276,7 @@ mod tests {
             .get::<Dict<'_>>("A160")
             .unwrap();
         assert_eq!(faint.get::<Number>("ca").unwrap().as_f64(), 0.16);
-        // Its unit square stands on its feet: width, height, and the lower left corner.
+        // Maps the upright unit square: width, height, and the lower left corner.
         assert_eq!(of("cm")[1].1, [30.0, 0.0, 0.0, -20.0, 10.0, 25.0]);
         let picture = page
             .resources()

@@ -1,4 +1,4 @@
-"""Evaluate single-photograph view synthesis from Python, by the numbers of the ``sharp-bench`` command.
+"""Evaluate single-photograph view synthesis from Python, with the same numbers as the ``sharp-bench`` command.
 
 Cameras are OpenCV's: x right, y down, z forward; lengths are metres, extrinsics world-to-camera, and pixel centres lie at
 half-integer coordinates. Pictures are sRGB: uint8, or floats in 0..1, which :func:`metrics` scores unchanged and a run
@@ -23,7 +23,7 @@ from ._sharp_bench import Camera, Dataset, Error, Gaussians, Rendering, Scene, S
 
 _folders = [os.path.dirname(os.path.abspath(__file__))]
 try:
-    # VGG16's weights, which the wheel leaves to this package.
+    # VGG16's weights, which are in a package of their own.
     import sharp_bench_weights as _weights
 
     _folders += _weights.__path__
@@ -67,16 +67,16 @@ def metrics(prediction, target, metrics="paper", mask=None, layout=None, weights
     """Scores of a prediction against its target: a dictionary from metric key to number.
 
     Both are arrays or tensors of one size, uint8 or floats in 0..1 (sRGB): [H, W, 3] or [3, H, W], or batches [N, H, W, 3] or
-    [N, 3, H, W], of which each score is an array [N]. If both the last axis and that of [3, H, W] have length 3, the channels
-    are the last; ``layout="chw"`` or ``"hwc"`` sets them. ``metrics`` is a list of keys or groups as
-    ``sharp-bench metrics --metrics`` takes it, ``mask`` [H, W] adds the scores inside it under keys that end in ``@mask``, and
-    ``weights`` maps a network to its file. Numbers are those of the command line to the last digit.
+    [N, 3, H, W], for which each score is an array [N]. If both the last axis and that of [3, H, W] have length 3, the last axis
+    is taken for the channels; ``layout="chw"`` or ``"hwc"`` sets the layout. ``metrics`` is a list of keys or groups as for
+    ``sharp-bench metrics --metrics``. ``mask`` [H, W] adds the scores inside the mask, under keys that end in ``@mask``.
+    ``weights`` maps a network to its file. Numbers equal those of the command line to the last digit.
 
     Contiguous [H, W, 3] of uint8 or float32 is read in place from NumPy, torch on the CPU (also in ``channels_last``), and
-    whatever has DLPack or a buffer; other layouts and floats are converted first, picture by picture. Tensors are detached, and
+    anything with DLPack or a buffer; other layouts and floats are converted first, picture by picture. Tensors are detached, and
     copied from a GPU. The core holds a copy of the two pictures that it scores.
 
-    A metric of a group that cannot be computed is left out with a warning; one that was named itself is an error.
+    A metric that cannot be computed is left out with a warning if it belongs to a group; if it was named itself, it is an error.
     """
     metrics = metrics if isinstance(metrics, str) else ",".join(metrics)
     files = tuple(sorted((name, os.fspath(file)) for name, file in (weights or {}).items()))
@@ -130,14 +130,14 @@ def pairs(*specs, options="", scenes=None, out=None):
 
 
 def load_scores(run):
-    """The records of a run folder or bundle, one a pair and method."""
+    """The records of a run folder or bundle, one per pair and method."""
     return _sharp_bench.load_scores(run)
 
 
 def merge(*runs, out=None):
-    """Joins run folders into ``out``, or writes the tables of one whose shards are done; a :class:`Run`.
+    """Joins run folders into ``out``, or writes the tables of one folder whose shards are done; returns a :class:`Run`.
 
-    Its ``counts`` are units, missing and failed; with missing units, it warns.
+    Its ``counts`` are units, missing and failed. Missing units cause a warning.
     """
     done = _command("merge", runs, (75,), out=out)
     if done["missing"]:
@@ -147,9 +147,9 @@ def merge(*runs, out=None):
 
 
 def compare(a, b=None, methods=(), **options):
-    """Compares run B with run A pair by pair: the dictionary of ``sharp-bench compare --json``.
+    """Compares run B with run A pair by pair; returns the dictionary of ``sharp-bench compare --json``.
 
-    ``methods`` are labels, or ``(label in A, label in B)``; without any, methods with the same label are compared. Without ``b``,
+    ``methods`` are labels, or ``(label in A, label in B)``; by default, methods with the same label are compared. Without ``b``,
     ``methods`` names pairs of methods of one run. ``options`` are the command's: ``metrics=["psnr"]``, ``flips=True``.
     """
     options["method"] = [f"{old}={new}" for old, new in _pairs(methods)]
@@ -157,28 +157,28 @@ def compare(a, b=None, methods=(), **options):
 
 
 def sweep(*runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=(), methods=(), datasets=(), rename=None):
-    """Scores against how far the camera moved: ``figures`` (SVG, shown in a notebook), ``csv`` and ``latex``. The options are those
-    of ``sharp-bench sweep`` with these names; ``rename`` is a dictionary. Only the command writes PNG and PDF."""
+    """Scores against camera motion: ``figures`` (SVG, shown in a notebook), ``csv`` and ``latex``. The options are those of
+    ``sharp-bench sweep`` with these names; ``rename`` is a dictionary. Only the command writes PNG and PDF."""
     shown = metrics.split(",") if isinstance(metrics, str) else list(metrics), list(methods), list(datasets), list((rename or {}).items())
     return Sweep([os.fspath(run) for run in runs], x, bins, band, split, *shown)
 
 
 def report(*runs, out=None, **options):
-    """Writes the report of runs, ``"NAME=RUN"`` or a path each; the dictionary of ``sharp-bench report --json``.
+    """Writes the report of runs, each ``"NAME=RUN"`` or a path; returns the dictionary of ``sharp-bench report --json``.
 
-    ``options`` of this function and the four below are those of the command by name: ``methods=["a", "b"]``,
+    ``options`` of this function and the four below are the command's, by name: ``methods=["a", "b"]``,
     ``rename={"old": "New"}``, ``uncertainty="ci95"``, ``public=True``.
     """
     return _command("report", runs, out=out, **options)
 
 
 def table(name, rows=None, **options):
-    """A table of the SHARP paper with rows of yours, ``{"label": "RUN:METHOD"}``; the dictionary of ``sharp-bench table --json``."""
+    """A table of the SHARP paper with your rows, ``{"label": "RUN:METHOD"}``: the dictionary of ``sharp-bench table --json``."""
     return _command("table", [name], row=rows, **options)
 
 
 def figure(name, *runs, out, **options):
-    """Makes a figure of the paper; the dictionary of ``sharp-bench figure NAME --json``."""
+    """Makes a figure of the paper; returns the dictionary of ``sharp-bench figure NAME --json``."""
     return _command("figure", [name, *runs], out=out, **options)
 
 
@@ -195,12 +195,12 @@ def history(*arguments, **options):
 
 
 def _pairs(methods):
-    """``(label in A, label in B)`` of methods, of which a label alone stands for both."""
+    """``(label in A, label in B)`` of each method; a single label is used for both."""
     return [(method, method) if isinstance(method, str) else tuple(method) for method in methods]
 
 
 def _command(name, arguments, answers=(), **options):
-    """The JSON of a command. Exit codes 4 (with warnings, which are passed on) and ``answers`` are no errors."""
+    """Runs a command and returns its JSON. Exit code 4 (with warnings, which are passed on) and those in ``answers`` are not errors."""
     line = [sys.executable, "-m", "sharp_bench", name, *map(os.fspath, arguments), "--json"]
     for key, value in options.items():
         option = "--" + key.replace("_", "-")
@@ -214,9 +214,9 @@ def _command(name, arguments, answers=(), **options):
             if one is True:
                 line.append(option)
             elif one is not None and one is not False:
-                # In one word, so that a value may begin with a dash.
+                # A single argument, so that a value may begin with a dash.
                 line.append(f"{option}={os.fspath(one) if isinstance(one, os.PathLike) else one}")
-    # The package may lie where only this process looks for it.
+    # The package may be in a folder that only this process searches.
     paths = [os.path.dirname(os.path.dirname(os.path.abspath(__file__))), os.environ.get("PYTHONPATH")]
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, paths)))
     done = subprocess.run(line, capture_output=True, encoding="utf-8", env=environment)
@@ -231,15 +231,15 @@ _LISTS = ("methods", "datasets", "metrics", "require_power")
 
 
 def render(gaussians, camera, *, background="black", eps2d=0.0, backend="cpu"):
-    """Renders Gaussians that lie in the camera's world, as a run does; see :class:`Rendering`."""
+    """Renders Gaussians given in the camera's world space, as a run does; see :class:`Rendering`."""
     return _sharp_bench.render(gaussians, camera, background=background, eps2d=eps2d, backend=backend)
 
 
 def predict(image, focal_px=None, *, checkpoint=None, config=None, layout=None):
     """Gaussians of a photograph by the SHARP network, in the metric space of its camera.
 
-    Without ``focal_px`` (pixels) the focal length is that of a 30 mm lens on 35 mm film, which sets the metric scale; without
-    ``checkpoint`` the release's is looked for where it is kept.
+    ``focal_px`` (pixels) sets the metric scale; the default is a 30 mm lens on 35 mm film. ``checkpoint`` defaults to the locally
+    stored file of the release.
     """
     found, is_batch = _arrays.pictures("image", image, layout)
     if is_batch:
@@ -253,12 +253,12 @@ def _predictor(checkpoint, config):
 
 
 class Run:
-    """A run folder. In a notebook it shows the means of its scores; ``print`` does, too."""
+    """A run folder. A notebook and ``print`` show the means of its scores."""
 
     def __init__(self, path, counts=None):
         self.path = os.fspath(path)
         self.counts = counts
-        """Of the evaluation that made it: units, reused, scored, failed, left."""
+        """Counts of the evaluation: units, reused, scored, failed, left."""
 
     @property
     def scores(self):
@@ -293,25 +293,26 @@ def evaluate(
     progress=None,
     **options,
 ):
-    """Evaluates a function as a method, into the run folder ``out``; a :class:`Run`.
+    """Evaluates a function as a method, into the run folder ``out``; returns a :class:`Run`.
 
-    ``function(source, camera)`` returns the picture that ``camera`` sees, [H, W, 3] or [3, H, W] of its size, uint8 or floats in
-    0..1 (which a run rounds to levels, whoever made them), or :class:`Gaussians`. ``camera.camera_from_world`` leads from the
-    source camera's space, in which Gaussians lie, to the camera's. ``function(source)`` with one parameter returns Gaussians for
-    all targets of a source. ``source`` has ``name``, ``camera``, ``image()``, and with ``privilege="source-depth"`` the true
-    ``depth()``.
+    ``function(source, camera)`` returns the picture that ``camera`` sees, [H, W, 3] or [3, H, W] in the camera's size, uint8 or
+    floats in 0..1 (which a run rounds to 8 bits), or :class:`Gaussians` in the source camera's space.
+    ``camera.camera_from_world`` maps from the source camera's space to the camera's. ``function(source)`` with one parameter
+    returns Gaussians for all targets of a source. ``source`` has ``name``, ``camera``, ``image()``, and with
+    ``privilege="source-depth"`` the true ``depth()``.
 
-    What it raises becomes a recorded failure of that pair, and the others continue. A run that was stopped, also by Ctrl-C, goes
-    on where it was when it is called again; what is done is not done again as long as ``version`` is the same. Without it, it is
-    a hash of the function's source text, which sees no change of what the function calls: give one that names your weights.
+    An exception is recorded as a failure of the pair, and the other pairs continue. A run that was stopped, also by Ctrl-C,
+    continues when it is called again. Finished pairs are reused as long as ``version`` is the same. The default is a hash of the
+    function's source text, which does not change with anything that the function calls: set a version that names your weights.
 
-    ``methods`` are evaluated beside it (``"copy"``, ``"depth-splat"``, …), or alone with ``None`` for the function. ``config`` is
+    ``methods`` are evaluated in addition (``"copy"``, ``"depth-splat"``, …), or alone if the function is ``None``. ``config`` is
     a ``run.toml``; ``options`` are those of ``sharp-bench run`` by name (``limit=10``, ``pairs="pairs.csv"``,
-    ``pair_options="order=once"``, ``common_region=True``) and take the place of the file's.
+    ``pair_options="order=once"``, ``common_region=True``) and override the file's.
     ``shard=(1, 4)``, ``"1/4"`` or ``"auto"`` in an array of Slurm, Kubernetes or AWS Batch evaluates this part of the pairs.
-    Shards may share ``out`` or have a folder each, and :func:`merge` joins them; scores are those of the whole, byte for byte.
+    Shards may share ``out`` or have a folder each; :func:`merge` joins them. Scores are byte for byte those of the whole run.
 
-    ``progress`` is called with phase, done and of how many; True shows a bar (of ``tqdm`` if it is installed, also in notebooks).
+    ``progress`` is called with the phase, the steps done and their number; True shows a bar (``tqdm``'s if it is installed, also
+    in notebooks).
     """
     if privilege not in (None, "source-depth"):
         raise ValueError(f"privilege={privilege!r}: expected None or 'source-depth'")
@@ -389,7 +390,7 @@ def _source_hash(function):
 
 
 def _interruptible(work):
-    """Does the work in a thread, so that Ctrl-C reaches it as a wish to stop."""
+    """Runs ``work`` in a thread, so that Ctrl-C requests a stop instead of interrupting it."""
     stop, done = _sharp_bench.Stop(), {}
 
     def run():

@@ -1,4 +1,4 @@
-"""What users hand in, as contiguous arrays [H, W, C] that the core takes."""
+"""Converts users' arrays to the contiguous arrays [H, W, C] that the core accepts."""
 
 import sys
 
@@ -9,7 +9,7 @@ LAYOUTS = {"hwc": -1, "chw": -3}
 
 
 def array(name, value):
-    """A NumPy array of the same memory where there is one: NumPy's own, a tensor on the CPU, anything with DLPack or a buffer."""
+    """A NumPy array, without a copy if possible: of a NumPy array, a CPU tensor, or anything with DLPack or a buffer."""
     if isinstance(value, np.ndarray):
         return value
     torch = sys.modules.get("torch")
@@ -31,7 +31,7 @@ def array(name, value):
 def pictures(name, value, layout=None):
     """A list of pictures [H, W, 3] of uint8 or float32, and whether it was a batch.
 
-    Pictures are views of ``value`` where it lies like that in memory, else copies.
+    Pictures are views of ``value`` if its memory layout allows it, else copies.
     """
     if layout not in (None, *LAYOUTS):
         raise ValueError(f"layout={layout!r}: expected one of {', '.join(LAYOUTS)}")
@@ -54,7 +54,7 @@ def pictures(name, value, layout=None):
 
 
 def masks(value, count):
-    """A list of ``count`` masks [H, W] of bool: one for all, or one each."""
+    """A list of ``count`` masks [H, W] of bool, from one mask for all or one for each picture."""
     found = array("mask", value)
     if found.dtype == np.uint8:
         found = found >= 128

@@ -74,7 +74,7 @@ impl Gaussians {
             } else if !form.set(&key, &value).map_err(refused)? {
                 let known = StoredForm::KEYS.join(", ");
                 return Err(refused(anyhow::anyhow!(
-                    "{key}: known are {known}, rendering, axes"
+                    "unknown setting {key}; the settings are {known}, rendering, axes"
                 )));
             }
         }
@@ -215,7 +215,7 @@ pub(crate) fn render(
         "white" => Background::White,
         other => {
             return Err(refused(anyhow::anyhow!(
-                "background {other:?}: black or white"
+                "background {other:?}: expected black or white"
             )));
         }
     };

@@ -190,7 +190,7 @@ fn choice<T: ValueEnum>(name: &str, text: &str) -> PyResult<T> {
             .filter_map(ValueEnum::to_possible_value);
         let known: Vec<String> = known.map(|value| value.get_name().to_owned()).collect();
         refused(anyhow::anyhow!(
-            "{name}={text:?}: one of {}",
+            "{name}={text:?}: expected one of {}",
             known.join(", ")
         ))
     })

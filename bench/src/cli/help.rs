@@ -45,7 +45,7 @@ const RARE: [&str; 36] = [
     "weights",
 ];
 
-/// Paragraphs after the options that `--help` also shows begin with one of these.
+/// First words of those paragraphs after the options that `--help` also shows.
 const ON_A_SCREEN: [&str; 2] = ["Example", "Start with"];
 
 /// Commands on the first page; `--help-all` lists the others.

@@ -16,7 +16,7 @@ pub enum ConfigError {
     Selection { list: String, error: SelectionError },
     #[error("--metrics {key}: {reason}")]
     Unavailable { key: String, reason: Unavailable },
-    #[error("--device {0}: this build has no {0}: build with `--features {0}`")]
+    #[error("--device {0}: this build does not include {0}; build with `--features {0}`")]
     NoDevice(Device),
     #[error(
         "--scale-sweep chooses by DISTS, whose network's weights are missing: give --weights vgg16=FILE, or see `weights \

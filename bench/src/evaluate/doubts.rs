@@ -29,7 +29,7 @@ const MOST_NAMED: usize = 8;
 /// views.
 pub(super) const TRAINED_ON: [&str; 2] = ["source_trained_on", "target_trained_on"];
 
-/// Notes on the rendering rules of a method's Gaussians that nobody stated.
+/// Notes on rendering rules of a method's Gaussians that neither the files nor the user stated.
 pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let notes: BTreeSet<&String> = records.filter_map(|r| r.rule_note.as_ref()).collect();
     notes.into_iter().cloned().collect()

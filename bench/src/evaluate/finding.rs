@@ -190,7 +190,7 @@ impl PictureChange {
         )
     }
 
-    /// Whether hardly any other picture looks like that, so that single files are named.
+    /// Whether the change is so distinctive that single files are named.
     pub fn is_clear(self) -> bool {
         use PictureChange::*;
         let is_moved = matches!(
@@ -226,9 +226,9 @@ pub enum ShownTarget {
     /// That of the next pair.
     Next,
     Other,
-    /// None: it is the source's photograph.
+    /// No target: the source's photograph.
     Source,
-    /// None: it is like the source's photograph, but no copy.
+    /// No target: the source's view, but not a copy of its photograph.
     SourceView,
 }
 
@@ -252,17 +252,17 @@ impl ShownTarget {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum ShownCamera {
-    /// One that moved by this percentage of the target's motion; 100 is the target's own.
+    /// A camera that moved by this percentage of the target's motion; 100 is the target's own.
     Moved(i16),
-    /// The target's with the source's intrinsics.
+    /// The target's camera with the source's intrinsics.
     SourceIntrinsics,
-    /// One at the inverse of the target's pose relative to the source.
+    /// A camera at the inverse of the target's pose relative to the source.
     InversePose,
-    /// One at the target's pose with y and z reversed.
+    /// A camera at the target's pose with y and z reversed.
     OtherAxes,
-    /// One at the target's pose with its rotation transposed.
+    /// A camera at the target's pose with the rotation transposed.
     TransposedRotation,
-    /// The target's, framed differently.
+    /// The target's camera with another framing.
     Reframed(Framing),
 }
 
@@ -328,18 +328,19 @@ const UNEVEN: (f64, f64) = (8.0, 0.12);
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
 )]
 pub struct Framing {
-    /// Size of what it shows, about the principal point, thousandths.
+    /// Scale of the shown content about the principal point, thousandths.
     pub zoom: i16,
-    /// Angle by which it is turned clockwise, thousandths of a degree.
+    /// Clockwise rotation, thousandths of a degree.
     pub roll: i16,
-    /// To the right and downwards, thousandths of the width; the part along epipolar lines of one direction is missing.
+    /// Shift to the right and down, thousandths of the width. Without its component along the epipolar lines, if these
+    /// are parallel.
     pub shift: [i16; 2],
 }
 
 impl Framing {
-    /// Maximum difference between framings with one cause, in zoom, roll and shift.
+    /// Maximum differences in zoom, roll and shift between framings with one cause.
     const UNEVEN: [i16; 3] = [25, 700, 4];
-    /// Minimum difference in zoom, roll and shift that is wrong.
+    /// Minimum differences in zoom, roll and shift that count as wrong.
     const LEAST: [i16; 3] = [15, 700, 5];
 
     fn is_zoomed(self) -> bool {
@@ -355,7 +356,7 @@ impl Framing {
         self.shift.iter().any(|by| by.abs() >= least)
     }
 
-    /// Turns and shifts of zoomed pictures are measured less exactly, by this factor.
+    /// Factor by which rotations and shifts of zoomed pictures are measured less exactly.
     fn coarser(self) -> i16 {
         if self.is_zoomed() { 3 } else { 1 }
     }
@@ -364,7 +365,7 @@ impl Framing {
         self.is_zoomed() || self.is_rolled() || self.is_shifted()
     }
 
-    /// Whether this may be a measurement of `other`, whose shift is the whole one.
+    /// Whether this may be a measurement of `other`, whose shift is complete.
     pub fn is_like(self, other: Self) -> bool {
         let near = |a: i16, b: i16, most: i16| (a - b).abs() <= most;
         let [zoom, roll, shift] = Self::UNEVEN;
@@ -376,8 +377,8 @@ impl Framing {
             && off.abs() <= f64::from(times * shift)
     }
 
-    /// The framing that explains several measurements best. Each of them has only the part of the shift that is beside
-    /// its own epipolar lines.
+    /// The framing that explains several measurements best. Each has only the component of the shift across its own
+    /// epipolar lines.
     pub fn common(framings: &[Self]) -> Option<Self> {
         let middle = |of: fn(&Self) -> i16| {
             let mut all: Vec<i16> = framings.iter().map(of).collect();

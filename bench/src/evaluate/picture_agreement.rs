@@ -16,7 +16,8 @@ const AGREEMENT_OF_RARE: f64 = 0.5;
 const AGREEMENT_OF_STRETCHED: f64 = 0.25;
 /// The share that suffices for a visible change.
 const AGREEMENT_VISIBLE: f64 = 0.1;
-/// Minimum number of pictures whose clear change is named although others do not have it, and their share.
+/// Minimum number and share of pictures with a clear change that are named, even if the other pictures do
+/// not have it.
 const NAMED: (usize, f64) = (2, 0.02);
 /// Minimum number of targets with equal pictures. Two may have the same source and motion.
 const REPEATED: usize = 3;
@@ -37,8 +38,9 @@ pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) ->
         .collect()
 }
 
-/// A sentence on each change that nearly all of some pictures (by name) have in common, several if it is visible, or a
-/// few if it is clear. `photographs` completes "the photographs": which they were compared with.
+/// A sentence on each change that enough of the pictures (by name) share: nearly all for most changes, fewer for
+/// visible ones, a few for clear ones. `photographs` completes "the photographs" and says which they were compared
+/// with.
 pub(crate) fn agreed_changes(
     pictures: &[(&str, Option<PictureChange>)],
     photographs: &str,
@@ -174,8 +176,8 @@ fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> Str
     listed(names.iter().map(String::as_str).collect())
 }
 
-/// A sentence for each dataset in which several targets have the same file. Not for copies of the source, which are
-/// named otherwise.
+/// A sentence for each dataset in which several targets have the same file. Copies of the source are reported
+/// elsewhere.
 pub(super) fn repeated_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let mut by_dataset: BTreeMap<&str, Vec<(&str, [&str; 2])>> = BTreeMap::new();
     let mut copies = BTreeSet::new();

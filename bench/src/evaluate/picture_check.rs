@@ -91,7 +91,7 @@ pub(super) fn note_change(
     record.change = match part == *picture {
         true => Some(PictureChange::Photograph),
         false => likely_change(&part, picture).or_else(|| {
-            // A picture of a large motion that a method ignored is like the source.
+            // If a method ignored a large motion, its picture looks like the source.
             let is_other = is_unlike(&shrunk(&part), picture) && is_unlike(&source()?, picture);
             is_other.then_some(PictureChange::Unlike)
         }),

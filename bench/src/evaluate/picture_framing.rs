@@ -1,7 +1,7 @@
 //! Detects pictures that frame the target differently: zoomed, rolled or shifted.
 //!
-//! Wrong depths move what a picture shows along epipolar lines only. What lies beside them is evidence of a wrong camera
-//! or of a crop, however poor the prediction is.
+//! Wrong depths move the content of a picture only along epipolar lines. Displacements across them are evidence of a
+//! wrong camera or a crop, however poor the prediction is.
 
 use glam::{DMat4, DVec2, DVec3, DVec4};
 use image::RgbImage;
@@ -15,8 +15,8 @@ use super::picture_motion::{HALF, LEAST_CONTRAST, correlation, patch};
 const GRID: [u32; 2] = [12, 8];
 /// Minimum distance of their centres from the edges, pixels: blocks are as large in pictures of half size.
 const INSET: f64 = 2.0 * HALF as f64 + 1.0;
-/// How far from its own place a block is searched in the picture of half size, as a share of the width; and how far around
-/// the place found there, pixels of the shrunk picture.
+/// Radius of the search for a block: first around its own place in the picture of half size, as a share of the width,
+/// then around the place found there, in pixels of the shrunk picture.
 const REACH: f64 = 0.15;
 const REFINED: i32 = 2;
 /// Minimum correlation of a block with its place in the picture, and how much lower it must be elsewhere.
@@ -25,7 +25,7 @@ const FOUND: (f64, f64) = (0.7, 0.05);
 const LEAST_FOUND: (usize, f64) = (12, 0.15);
 /// Number of reweighted least-squares steps.
 const STEPS: usize = 12;
-/// Weight with which the fit is drawn towards an unchanged framing, in blocks.
+/// Weight of the prior for an unchanged framing, in blocks.
 const PRIOR: f64 = 0.05;
 /// Maximum distance from the fit of a block that agrees with it, pixels, and the share of the blocks that must agree.
 const AGREEING: (f64, f64) = (1.0, 0.6);
@@ -34,9 +34,9 @@ const GAIN: (f64, f64) = (0.3, 0.5);
 /// Larger distances count as this one, pixels.
 const MOST: f64 = 3.0;
 
-/// Measures how a picture frames its target; `None` if correctly, or if this cannot be measured. Picture and target's
-/// photograph are shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is that of the
-/// pose that maps from the source's camera to the target's.
+/// Measures how a picture frames its target; `None` if the framing is correct or cannot be measured. Picture and
+/// target's photograph are shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is
+/// that of the pose that maps from the source's camera to the target's.
 pub(super) fn shown_framing(
     intrinsics: Intrinsics,
     translation: DVec3,
@@ -181,7 +181,7 @@ mod tests {
         ] {
             let [_, found] = told(with(zoom, shift), roll, PLANE);
             let found = found.unwrap_or_else(|| panic!("{zoom} {roll} {shift:?}"));
-            // Along the lines, a shift cannot be told from depth.
+            // Along the lines, a shift cannot be distinguished from wrong depth.
             let (off, along) = (
                 DVec2::from(shift) / 0.16,
                 DVec2::new(0.12, 0.06).normalize(),

@@ -62,7 +62,8 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     is_change.then_some(PictureChange::Blocks)
 }
 
-/// The share of the lines that are equal to the line before them; 1 if too many in succession are, as in bars.
+/// The share of the rows (or columns) that are equal to the one before. 1 if more than `MOST_REPEATED` in
+/// succession are, as in bars.
 fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     let (width, height) = picture.dimensions();
     let all = if is_row { height } else { width };
@@ -78,7 +79,7 @@ fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
 }
 
 /// The thickness of a strip along the first or last row, thousandths of the height. Columns are no evidence, because a
-/// shift that is equal everywhere leaves the same hole.
+/// uniform shift leaves the same hole.
 fn strip(rows: &Sides, columns: &Sides) -> Option<[i16; 2]> {
     let side = match (rows.thickness, columns.thickness) {
         ([_, 0], [0, 0]) => 0,
@@ -101,7 +102,7 @@ struct Sides {
     colours: [[u8; 3]; 2],
     /// Whether the photograph varies along most of those lines.
     vary: [bool; 2],
-    /// Whether the next line hardly has that colour.
+    /// Whether the next line has hardly any pixels of that colour.
     is_sharp: [bool; 2],
 }
 

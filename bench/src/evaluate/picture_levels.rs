@@ -169,7 +169,8 @@ pub(super) fn is_uniform(picture: &RgbImage) -> bool {
         .all(|pixel| pixel == picture.get_pixel(0, 0))
 }
 
-/// Whether the green levels of neighbouring pixels are as different as those of any, and those of the photograph are not.
+/// Whether the green levels of neighbouring pixels differ as much as those of any two pixels, although those of the
+/// photograph do not.
 pub(super) fn is_noise(photograph: &RgbImage, picture: &RgbImage) -> bool {
     let likeness = |of: &RgbImage| {
         let [mut pairs, mut sum, mut squares, mut products] = [0.0; 4];

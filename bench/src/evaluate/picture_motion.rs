@@ -39,7 +39,7 @@ const OF_POSE: f64 = 0.5;
 /// Below this percentage of the true motion, the share of the blocks that must agree: blends of the source with a
 /// prediction partly show the source.
 const STILL: (i16, f64) = (20, 0.8);
-/// Minimum rotation at which the inverse pose is told from a negated translation, degrees.
+/// Minimum rotation at which the inverse pose is distinguished from a negated translation, degrees.
 const LEAST_TURN: f64 = 0.5;
 /// Maximum distance from an expected place: pixels, or, if larger, a share of the motion.
 const OFF: (f64, f64) = (1.0, 0.1);
@@ -127,7 +127,8 @@ struct Block {
     found: Option<(f64, bool)>,
     /// Its place in the source's photograph, if that is on the line.
     home: Option<f64>,
-    /// Whether each misread pose explains the picture while the true one does not; `None` if it leads outside.
+    /// Whether each misread pose explains the picture while the true one does not; `None` if its place is
+    /// outside the picture.
     misread: [Option<bool>; 4],
 }
 

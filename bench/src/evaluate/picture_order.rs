@@ -35,7 +35,7 @@ const COPY: (f64, f64) = (40.0, 10.0);
 /// Minimum gain of the source's photograph over the target's if a prediction shows the source's view, dB.
 const SOURCE_VIEW: f64 = 3.0;
 /// Minimum squared error of such a prediction against the target, relative to that of the source's photograph. A
-/// prediction that moves is below.
+/// prediction that moves has less.
 const AS_FAR: f64 = 0.7;
 
 /// For each pair, the other pairs with whose targets its picture is compared.
@@ -211,7 +211,8 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
     struct OfDataset {
         shown: BTreeMap<ShownTarget, usize>,
         cameras: Vec<ShownCamera>,
-        /// Number of pictures, and of those that were cropped or padded and then resized, which is told already.
+        /// Number of pictures, and of those that were cropped or padded and then resized, which are already
+        /// reported.
         all: usize,
         resized: usize,
     }
@@ -252,8 +253,8 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
     .collect()
 }
 
-/// A sentence if most compared pictures show other targets than their own; `found` counts what they show. `pairs` is
-/// what the names belong to.
+/// A sentence if most compared pictures show other targets than their own; `found` counts what they show. `pairs`
+/// says which pairs they belong to.
 pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
     use ShownTarget::{Next, Other, Previous, Source, SourceView};
     let count = |places: &[ShownTarget]| -> usize {
@@ -447,7 +448,7 @@ mod tests {
                 vec![(framed(1000, [12, 0]), 4)],
                 ["show", "shifted by (1.2 %, 0.0 %)", "4 of the 4"],
             ),
-            // Parts of one shift, beside lines of three directions.
+            // Components of one shift, across epipolar lines in three directions.
             (
                 vec![
                     (framed(1000, [12, 0]), 2),

@@ -120,14 +120,14 @@ pub struct Record {
 /// hashes agree: per view, and for a method's Gaussians per source.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PairFiles {
-    /// The source's camera, photograph, mask and depth.
+    /// Hash of the source's camera, photograph, mask and depth.
     pub source: String,
-    /// The target's camera, photograph, mask and depth.
+    /// Hash of the target's camera, photograph, mask and depth.
     pub target: String,
-    /// The pictures that the method read for this pair, if from external files.
+    /// Hash of the external files that the method read for this pair; `None` if it read none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pictures: Option<String>,
-    /// The Gaussians that the method read for this source, if from an external file.
+    /// The external file of Gaussians that the method read for this source; `None` if it read none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaussians: Option<GaussiansRead>,
 }

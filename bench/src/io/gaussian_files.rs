@@ -86,9 +86,9 @@ pub enum GaussianFileError {
 /// `[N, (degree + 1)², 3]`. The format of any other file is detected from its content
 /// ([`sharp::gaussian_files`]).
 ///
-/// `reading` sets how numbers are stored and, if the file does not say, how colours are encoded; the rule determines
-/// the blending. Without a `rule`, uses the one that the file states, or SHARP's if the encoding of colours is known
-/// and nothing suggests another rule.
+/// `reading` states how numbers are stored, and how colours are encoded if the file does not state it. `rule`
+/// determines the colour space for blending. If it is `None`, the rule that the file states is used, or SHARP's if
+/// the encoding of colours is known and nothing suggests another rule.
 pub fn read(
     path: &Path,
     reading: impl Into<StoredForm>,

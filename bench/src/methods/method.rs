@@ -139,8 +139,8 @@ pub struct PicturePrediction {
     pub resized_from: Option<(u32, u32)>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// Conversions of the file that nobody requested: one sentence each, which names the setting
-    /// for it.
+    /// Conversions of the file that the user did not request: one sentence each, which names the
+    /// setting.
     pub notes: Vec<String>,
 }
 
@@ -301,7 +301,7 @@ pub trait Method: Send + Sync {
         Vec::new()
     }
 
-    /// Files that the prediction for this pair depends on, besides the two views.
+    /// Files other than the two views that the prediction for this pair depends on.
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())
     }

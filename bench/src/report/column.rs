@@ -87,7 +87,7 @@ pub struct Column {
     pub direction: Option<Direction>,
     /// How the number is computed, including everything that affects its value.
     pub convention: String,
-    /// Network and SHA-256 of the features, if they are not the published ones.
+    /// Network and SHA-256 of its weights, if they are not the published ones.
     pub stand_in: Option<String>,
 }
 

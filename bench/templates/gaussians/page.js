@@ -1,14 +1,14 @@
-// The page around the renderer: where the camera stands, what is shown, and the pictures where no WebGPU is.
+// The page around the renderer: camera, display mode, and pictures for browsers without WebGPU.
 
 const $ = (id) => document.getElementById(id);
 const facts = JSON.parse($('facts').textContent);
 const canvas = $('view');
 
-// Columns of f32, each as its four planes of bytes, deflated: what Rust packs in export/viewer.rs.
+// Columns of f32, each as four planes of bytes, deflated; packed by export/viewer.rs.
 async function unpacked() {
   const text = $('gaussians').textContent.trim();
   const parts = [];
-  // A multiple of 4 characters each, so that every part is base64 by itself.
+  // Each part has a multiple of 4 characters, so that it is valid base64 by itself.
   for (let at = 0; at < text.length; at += 1 << 22) {
     parts.push(Uint8Array.from(atob(text.slice(at, at + (1 << 22))), (letter) => letter.charCodeAt(0)));
   }
@@ -23,7 +23,7 @@ async function unpacked() {
     }
     return new Float32Array(bytes.buffer);
   };
-  // Vectors of four from columns; a number stands for a column of it.
+  // Interleaves columns to vectors of four; a number is a constant column.
   const fours = (...sources) => {
     const vectors = new Float32Array(n * 4);
     sources.forEach((source, lane) => {
@@ -32,7 +32,7 @@ async function unpacked() {
     });
     return vectors;
   };
-  // Of each Gaussian together.
+  // Grouped by Gaussian.
   const coefficients = () => {
     const each = 3 * ((facts.degree + 1) ** 2 - 1);
     const all = new Float32Array(n * each);
@@ -48,7 +48,7 @@ async function unpacked() {
   };
 }
 
-// Maps are rows [3][4]; `after(a, b)` does b first.
+// Affine maps are rows [3][4]; `after(a, b)` applies b first.
 const after = (a, b) => a.map((row) => [0, 1, 2, 3].map((j) => row[0] * b[0][j] + row[1] * b[1][j] + row[2] * b[2][j] + (j === 3 ? row[3] : 0)));
 const inverse = (m) => {
   const [a, b, c] = m;
@@ -71,7 +71,7 @@ const axes = () => {
 };
 const forwardBy = (metres) => { moved.eye = moved.eye.map((value, i) => value + axes()[2][i] * metres); };
 const slideBy = (right, down) => { moved.eye = moved.eye.map((value, i) => value + axes()[0][i] * right + axes()[1][i] * down); };
-// Around the point that the camera looks at, at the depth that the page names.
+// Rotates around the point that the camera looks at, at the depth stated in the page.
 const turnBy = (yaw, pitch) => {
   forwardBy(facts.focus_m);
   moved.yaw += yaw;
@@ -131,7 +131,7 @@ async function redraw() {
     const image = await renderer.levels(look());
     if (canvas.width !== image.width || canvas.height !== image.height) { [canvas.width, canvas.height] = [image.width, image.height]; }
     canvas.getContext('2d').putImageData(image, 0, 0);
-    // For scripts that drive the page.
+    // For scripts that control the page.
     document.body.dataset.drawn = String(1 + Number(document.body.dataset.drawn || 0));
   } catch (error) {
     fallBack(String(error.message || error));
@@ -140,7 +140,7 @@ async function redraw() {
   if (again) { redraw(); }
 }
 
-// Pictures that were rendered with the page stand in for what cannot be drawn here.
+// Shows pictures that were rendered with the page if nothing can be drawn here.
 function fallBack(reason) {
   renderer = null;
   Object.assign(moved, { eye: [0, 0, 0], yaw: 0, pitch: 0 });

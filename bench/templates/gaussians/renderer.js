@@ -1,10 +1,10 @@
-// The renderer's passes in a browser: the same shaders in the same order as on wgpu, a frame as one sub-frame.
+// The renderer's passes in a browser: the same shaders in the same order as on wgpu, with one sub-frame per frame.
 
 const GROUP = 256, RADIX_BLOCK = 4096, SCAN_BLOCK = 1024, TILE = 8;
 const blocksOf = (count, size) => Math.ceil(count / size);
 
 class GaussianRenderer {
-  // A device with the adapter's limits; null where the browser or the machine has none. `unpacked` gives the Gaussians.
+  // A device with the adapter's limits; null if the browser or the machine has none. `unpacked` returns the Gaussians.
   static async open(unpacked, shaders) {
     const adapter = navigator.gpu ? await navigator.gpu.requestAdapter({ powerPreference: 'high-performance' }) : null;
     if (!adapter) { return null; }
@@ -85,7 +85,7 @@ class GaussianRenderer {
     }
   }
 
-  // Exclusive prefix sums in place; the totals of the blocks stay in `copy` where it is given.
+  // Exclusive prefix sums in place; the totals of the blocks are stored in `copy` if given.
   scan(encoder, data, count, sums, copy, level = 0) {
     const blocks = blocksOf(count, SCAN_BLOCK);
     const params = this.uniform(new Uint32Array([count, 0, 0, 0]));
@@ -103,7 +103,7 @@ class GaussianRenderer {
     return { capacity, keys: [make(), make()], values: [make(), make()], histogram: this.storage(entries * 4), sums: this.sums(entries) };
   }
 
-  // By the low `bits` bits of the keys; returns the half with the result.
+  // Sorts by the low `bits` bits of the keys; returns the half that contains the result.
   sort(encoder, sorter, count, bits, identity) {
     const blocks = blocksOf(count, RADIX_BLOCK);
     let from = 0;
@@ -131,7 +131,7 @@ class GaussianRenderer {
     return this.device.createBuffer({ size: bytes, usage: GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST });
   }
 
-  // Whether one binding holds a picture of this size.
+  // Whether a picture of this size fits into one binding.
   fits(width, height) {
     return blocksOf(width, TILE) * blocksOf(height, TILE) * TILE * TILE * 16 <= this.limit;
   }
@@ -195,7 +195,7 @@ class GaussianRenderer {
     this.drawn = { width: view.width, height: view.height, stride: tiles[0] * TILE };
   }
 
-  // What was drawn last, in 8 bit. Read back rather than shown from the GPU: a canvas of pixels works wherever a device does.
+  // The last picture, 8 bit. Read back instead of presented by the GPU, because a 2D canvas works wherever a device does.
   async levels(look) {
     const { device, screen } = this;
     const { width, height, stride } = this.drawn;

@@ -1,4 +1,4 @@
-// From what `raster` left to what a screen shows: the background, sRGB, 8 bit.
+// Converts the output of `raster` for the screen: background, sRGB, 8 bit.
 
 struct Screen {
     // Pixels shown, and pixels from one row of the picture to the next.
@@ -6,13 +6,13 @@ struct Screen {
     stride: u32,
     // 0 colour, 1 alpha, 2 inverse depth.
     shown: u32,
-    // In what was blended.
+    // In the blending colour space.
     background: vec3<f32>,
-    // 1 where levels are truncated, not rounded.
+    // 1 if levels are truncated, not rounded.
     truncate: u32,
-    // Inverse depths that are black and white, 1/metres.
+    // Inverse depths shown in black and in white, 1/metres.
     inverse_depth: vec2<f32>,
-    // 1 where encoded values were blended.
+    // 1 if encoded values were blended.
     encoded: u32,
 }
 

@@ -137,7 +137,7 @@ impl Reading {
     }
 }
 
-/// Number of tiles of a picture whose losses are compared separately.
+/// Number of tiles that a picture is divided into; their losses are compared separately.
 pub(super) const TILES: usize = 4;
 /// Relative difference in depth at which the loss saturates.
 const DEPTH_SCALE: f64 = 0.1;

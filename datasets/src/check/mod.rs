@@ -226,7 +226,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let is_known = overflowed.is_some() || plausible::are_of_other_size(&scene.views);
     contradictions.extend(overflowed);
     contradictions.extend(match (&scene.pairing, &neighbours) {
-        // With one of these, other causes cannot be told apart.
+        // With one of these, other causes cannot be distinguished.
         _ if is_known => None,
         (Pairing::Stereo { .. }, _) => {
             let (contradiction, said) = stereo::contradictions(&scene.views, effort);

@@ -86,8 +86,8 @@ fn same_picture(left: &View, right: &View) -> Option<String> {
     })
 }
 
-/// True if the right camera is beside the left one and looks in the same direction; otherwise disparities are
-/// meaningless.
+/// True if the right camera is displaced only sideways from the left one and looks in the same direction;
+/// otherwise disparities are meaningless.
 fn is_rectified(left: &View, right: &View) -> bool {
     let from_left = left.camera_from_world.inverse();
     let map = right.camera_from_world.after(&from_left).to_affine();

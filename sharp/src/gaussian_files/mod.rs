@@ -130,7 +130,7 @@ fn unfolding(error: &std::io::Error) -> String {
 fn unfold(stream: impl Read, expected: usize, packed: usize) -> Result<Vec<u8>, String> {
     if expected / MOST_EXPANSION > packed {
         return Err(format!(
-            "its header asks for {expected} bytes, which {packed} cannot hold"
+            "its header claims {expected} bytes, which {packed} compressed bytes cannot hold"
         ));
     }
     let mut bytes = Vec::new();

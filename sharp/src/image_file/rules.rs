@@ -31,7 +31,7 @@ macro_rules! choices {
                 let found = Self::ALL.iter().find(|value| value.name() == text);
                 found.copied().ok_or_else(|| {
                     let known: Vec<&str> = Self::ALL.iter().map(|value| value.name()).collect();
-                    format!("'{text}' is none of {}", known.join(", "))
+                    format!("'{text}' is not one of {}", known.join(", "))
                 })
             }
         }

@@ -41,7 +41,7 @@ impl DeviceChoice {
                 ModelError::Device(if built {
                     format!("no {name} device: {e}")
                 } else {
-                    format!("this build has no {name}: build with `--features {name}`")
+                    format!("this build does not include {name}; build with `--features {name}`")
                 })
             })
         };
@@ -64,7 +64,7 @@ impl std::str::FromStr for DeviceChoice {
         let found = Self::NAMES.iter().find(|(name, _)| *name == text);
         found.map(|(_, choice)| *choice).ok_or_else(|| {
             ModelError::Device(format!(
-                "unknown device `{text}`: auto, cpu, candle-cpu, cuda or metal"
+                "unknown device `{text}`; expected auto, cpu, candle-cpu, cuda or metal"
             ))
         })
     }

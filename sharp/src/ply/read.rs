@@ -211,7 +211,8 @@ fn longer_rows(surplus: usize, count: usize) -> Option<PlyReason> {
     })
 }
 
-/// Elements of the release that are read besides the vertices; each has one property of the same name.
+/// Elements of the release that are read in addition to the vertices; each has one property of the
+/// same name.
 const EXTRAS: [&str; 5] = [
     "extrinsic",
     "intrinsic",

@@ -75,7 +75,9 @@ impl fmt::Display for Backend {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("unknown backend \"{0}\": cpu, wgpu, wgpu:NAME (part of an adapter's name) or auto")]
+#[error(
+    "unknown backend \"{0}\"; expected cpu, wgpu, wgpu:NAME (part of an adapter's name) or auto"
+)]
 pub struct UnknownBackend(String);
 
 impl FromStr for Backend {

@@ -55,7 +55,7 @@ impl RenderView {
         self
     }
 
-    /// Values passed to the shaders besides the map, focal lengths and size.
+    /// Values passed to the shaders in addition to the map, focal lengths and size.
     pub fn shader_constants(&self) -> ShaderConstants {
         let view = ViewConstants::new(self);
         ShaderConstants {

@@ -32,12 +32,13 @@ use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PseudoViews {
-    /// Maximum distance of their cameras from the photograph's, as a fraction of the distance to the point that they
-    /// look at, which is at the median depth.
+    /// Maximum distance of a pseudo-novel camera from the photograph's, as a fraction of the photograph's median
+    /// depth. The camera looks at a point at this depth.
     pub part_of_distance: f64,
-    /// Maximum offset of that point, horizontally and vertically, as a fraction of its distance.
+    /// Maximum offset of the point that a camera looks at from the photograph's axis, horizontally
+    /// and vertically, as a fraction of the median depth.
     pub part_aside: f64,
-    /// Minimum alpha of a pixel of the rendering that losses use.
+    /// Minimum alpha at which losses use a pixel of the rendering.
     pub covered: f32,
 }
 

@@ -1,4 +1,4 @@
-"""Small photographs in every pixel format that people have, by Pillow 11.3.0.
+"""Small photographs in every common pixel format, by Pillow 11.3.0.
 
 Each shows four quadrants of 16x16 pixels: red, green / blue, a mid grey (see QUADRANTS; `grey*` their luma).
 Usage: python3 make.py FOLDER

@@ -17,7 +17,7 @@ use crate::pairs::PairList;
 struct Needed {
     /// The dataset's name in the pair list.
     dataset: String,
-    /// The dataset's format; `None` if it follows neither from its name nor from --dataset.
+    /// The dataset's format; `None` if neither its name nor --dataset determines it.
     format: Option<&'static str>,
     pairs: usize,
     archives: BTreeSet<String>,
@@ -146,7 +146,7 @@ fn folder_of(path: &Path) -> PathBuf {
 
 /// The views that the reader finds, by scene and view, with the depth and masks that a `transforms.json` lists or that
 /// are named like their picture. Empty for an incomplete dataset, which cannot be opened yet. Stereo pairs are
-/// excluded, because the layout lists all their files; of the right view's, only the picture is needed.
+/// excluded, because the layout lists all their files; for the right view, only the picture is needed.
 fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     let multi_view = scenes
         .iter()

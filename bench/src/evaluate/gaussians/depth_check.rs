@@ -23,8 +23,8 @@ const LEAST_SPREAD: f64 = 0.01;
 /// Maximum share of that spread that may remain if ray lengths explain it.
 const LEFT_BY_RAYS: f64 = 0.4;
 
-/// Warns if rendered depth has another unit than true depth, is its inverse, or differs from it like the length of rays,
-/// and prediction errors do not explain this. Of another unit, also how many times the true depth is seen.
+/// Warns if rendered depth has another unit than true depth, is inverse depth, or is related to it as lengths of rays
+/// are, unless prediction errors explain this. For another unit, also returns the ratio of rendered to true depth.
 pub(super) fn depth_doubt(
     truth: &DepthMap,
     seen: &DepthMap,
@@ -79,7 +79,7 @@ pub(super) fn depth_doubt(
              rays",
         ),
     ] {
-        // The full correction must leave less than none, half of it, or more.
+        // The full correction must leave less spread than none, half of it, or more than all of it.
         let left = |share: f64| Some(middle_and_spread(1.0, share * of_ray)?.1);
         let (half, own, more) = (left(0.5)?, left(1.0)?, left(1.5)?);
         let is_ray = spread >= LEAST_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);

@@ -37,7 +37,8 @@ pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -
         let (pixels, covered, detail) = parts.get_mut(part as usize)?;
         *pixels += 1.0;
         *covered += f64::from(u8::from(is_covered(at)));
-        // A single sharp edge is not decisive, and an outline of what is covered is no detail.
+        // A single sharp edge is not decisive, and the outline of the covered area does not count
+        // as detail.
         for (right, below) in [(x + 1, y), (x, y + 1)] {
             let next = (below * width + right) as usize;
             if right < width && below < height && is_covered(next) == is_covered(at) {
@@ -117,7 +118,8 @@ pub(in crate::evaluate) fn mean_area(gaussians: &Gaussians, view: &RenderView) -
 /// A Gaussian's projection, pixels.
 struct Projected {
     centre: [f64; 2],
-    /// Per unit of each of the Gaussian's axes, whose lengths are its standard deviations: the motion right, and down.
+    /// Rows of the Jacobian: motion to the right, and down, per unit along each of the Gaussian's axes, whose lengths
+    /// are its standard deviations.
     rows: [DVec3; 2],
 }
 

@@ -1,4 +1,4 @@
-//! Gaussians whose means were changed without the rest, which no setting mends.
+//! Gaussians whose means were changed but not their other attributes, which no setting corrects.
 
 use glam::{DMat3, DQuat, DVec3};
 use sharp::gaussians::Gaussians;
@@ -72,8 +72,8 @@ impl Trial<'_> {
         Ok(best)
     }
 
-    /// A turn of the quaternions, in degrees, with which Gaussians match significantly better: one that their means have
-    /// had, or that the reading gives them.
+    /// A rotation of the quaternions, in degrees, with which Gaussians match significantly better: one that was applied
+    /// to the means only, or that the reading applies.
     pub(in crate::evaluate) fn other_turn(
         &self,
         gaussians: &Gaussians,

@@ -274,7 +274,7 @@ impl Trial<'_> {
             };
             let general_rule = self.under(before).general_rule();
             for placement in placements(before.placement, moves, is_lost) {
-                // The rule is the cause of a shift by the principal point that it ignores.
+                // A shift by the ignored principal point is due to the rule, not to the file.
                 let moved = [0, 1].map(|axis| placement.shift[axis] - before.placement.shift[axis]);
                 if general_rule.is_some() && self.is_ignored_offset(moved) {
                     continue;

@@ -135,7 +135,9 @@ pub(super) fn cell_notes(
         let others = cell.finite_mean.map_or_else(String::new, |mean| {
             format!("; mean of the others {}", shown(mean, column.decimals))
         });
-        notes.push(format!("Infinite for {of}, and so is the mean{others}."));
+        notes.push(format!(
+            "Infinite for {of}, so the mean is infinite{others}."
+        ));
     }
     notes
 }

@@ -51,7 +51,7 @@ fn a_mean_with_an_infinity_is_infinite_and_says_of_how_many() {
         (cell.value, cell.infinite, cell.std),
         (Some(f64::INFINITY), 1, None)
     );
-    let note = "Infinite for 1 of 2 pairs, and so is the mean; mean of the others 31.20.";
+    let note = "Infinite for 1 of 2 pairs, so the mean is infinite; mean of the others 31.20.";
     assert_eq!(table.notes, [note]);
 }
 
@@ -410,12 +410,13 @@ fn uncertainty_is_that_over_scenes_in_every_form() {
     assert!(table.remarks[0].contains("95 % confidence interval"));
     let plain = mean_tables(&results, None).unwrap().remove(0);
     assert!(!plain.text().contains('±') && !plain.latex().contains("pm"));
-    // On the page, a point a scene beside the legend's marker, and a cross: the mean and its interval.
+    // On the page, one point per scene in addition to the legend's marker, and a cross for the mean
+    // and its interval.
     let board = Board::of(&results).unwrap();
     let drawn = |board: &Board<'_>| plots::by_scene(board, &board.metrics[0]).unwrap();
     let svg = drawn(&board).unwrap().svg;
     assert_eq!(svg.matches("<circle").count(), 3 + 1, "{svg}");
-    // The name stands in the legend and below its points.
+    // The name is in the legend and below its points.
     let label = format!(">\n{}\n</text>", board.methods[0].label);
     assert_eq!(svg.matches(&label).count(), 2, "{svg}");
     // Of a single scene nothing can be said.

@@ -84,8 +84,9 @@ pub struct Stratum {
 }
 
 impl RunComparison {
-    /// The pairs of two methods by dataset and [`Division::of_pairs`]: scenes in the order of their
-    /// pairs, bins ascending. A quantity that is equal for all pairs of a dataset is omitted.
+    /// Differences between two methods for each part of a dataset (by [`Division::of_pairs`]):
+    /// scenes in the order of their pairs, bins in ascending order. A quantity that is equal for
+    /// all pairs of a dataset is omitted.
     pub fn breakdown(&self, against: &Against, metric: &MetricInfo) -> Vec<Stratum> {
         let mut changes = self.sides(against).changes(metric);
         changes.sort_by(|a, b| a.a.pair_id.cmp(&b.a.pair_id));

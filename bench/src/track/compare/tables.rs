@@ -279,7 +279,7 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
     if row.left_out > 0 {
         let pairs = counted(row.left_out, "pair");
         remarks.push(format!(
-            "{dataset}: {pairs} left out, without a score on both sides"
+            "{dataset}: {pairs} left out, because A or B has no score"
         ));
     }
     if row.n_infinite > 0 {

@@ -19,7 +19,7 @@ fn is_proper(what: &str, views: &[View]) {
 
 /// Axis and place of a room's walls.
 const WALLS: [(usize, f64); 5] = [(1, 1.2), (1, -1.8), (0, -3.0), (0, 3.0), (2, 6.0)];
-/// Middle and radius of what stands in it.
+/// Centre and radius of the object in it.
 const BALLS: [([f64; 3], f64); 5] = [
     ([-1.2, 0.3, 2.0], 0.4),
     ([0.9, 0.5, 2.6], 0.35),

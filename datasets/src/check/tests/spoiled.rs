@@ -1031,7 +1031,7 @@ fn moving_objects_and_imprecise_poses_are_no_contradiction() {
     }
 }
 
-/// A camera that stands still may give one picture twice.
+/// A camera that does not move may give the same picture twice.
 #[test]
 fn repeated_pictures_are_named_where_the_camera_moves() {
     named(&[(

@@ -57,14 +57,14 @@ impl<'a> View<'a> {
                 values: &values[start..end],
                 dims: layout.dims(),
             }),
-            _ => bail!("kernels take contiguous f32 tensors, not {layout:?}"),
+            _ => bail!("kernels need contiguous f32 tensors, not {layout:?}"),
         }
     }
 
     pub(super) fn of(storage: &'a Storage, layout: &'a Layout) -> Result<Self> {
         match storage {
             Storage::Cpu(storage) => Self::new(storage, layout),
-            _ => bail!("kernels take tensors of the CPU"),
+            _ => bail!("kernels need tensors on the CPU"),
         }
     }
 

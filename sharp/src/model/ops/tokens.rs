@@ -160,7 +160,7 @@ impl InplaceOp2 for Product {
                 self.matmul(y, &mut x[start..end], Epilogue::Add);
                 Ok(())
             }
-            _ => bail!("kernels take contiguous f32 tensors, not {x_layout:?}"),
+            _ => bail!("kernels need contiguous f32 tensors, not {x_layout:?}"),
         }
     }
 }

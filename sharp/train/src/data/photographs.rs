@@ -56,8 +56,8 @@ fn entries(folder: &Path) -> Result<Vec<(PathBuf, Pictures)>, DataError> {
     Ok(entries)
 }
 
-/// Adds the pictures below `folder`, whose own path below the top is `inside`. Links to folders are not followed, as they
-/// may form a circle.
+/// Adds the pictures below `folder`, whose own path below the top is `inside`. Links to folders are not followed,
+/// because they may form a cycle.
 fn find(folder: &Path, inside: &str, found: &mut Pictures) -> Result<(), DataError> {
     for (name, path) in files::list(folder)? {
         let ending = path.extension().unwrap_or_default().to_ascii_lowercase();

@@ -16,7 +16,7 @@ DEFAULT_MONODEPTH_CONFIG_DICT = DepthProConfig(checkpoint_uri="./checkpoints/dep
 
 class DepthPro(torch.nn.Module):
     def infer(self, x, f_px=None, interpolation_mode="bilinear"):
-        """Depth is proportional to the focal length that it is told."""
+        """Depth is proportional to the given focal length."""
         assert not self.training and x.shape[0] == 3 and -1 <= x.min() < 0 and x.max() <= 1
         focal = float(f_px) / x.shape[2]
         depth = torch.full(x.shape[1:], plane.predicted_depth() * focal / float(os.environ["STUB_FOCAL"]))
