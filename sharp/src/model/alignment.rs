@@ -96,7 +96,12 @@ impl DepthAlignment {
         };
         let (conv_in, conv_out) = (encoder.pp("conv_in"), decoder.pp("conv_out"));
         Self {
-            conv_in: Conv::spatial(&conv_in.pp(0), 2, base, true),
+            conv_in: Conv::spatial(
+                &conv_in.pp(0),
+                config.alignment_input.layers() + 1,
+                base,
+                true,
+            ),
             norm_in: GroupNorm::new(&conv_in.pp(1), base, GROUPS).then_relu(),
             down: (0..steps).map(down).collect(),
             up: (0..steps).map(up).collect(),
@@ -108,8 +113,8 @@ impl DepthAlignment {
     }
 }
 
-/// Computes the logarithm of the factors, `[1, R, R, 1]`, from two depth maps in metres, `[1, R, R, 2]`. Channel 0 is
-/// the first predicted layer, channel 1 the known depth.
+/// Computes the logarithm of the factors, `[1, R, R, 1]`, from depth maps in metres, `[1, R, R, 2 or 3]`: the predicted
+/// layers of [`ModelConfig::alignment_input`], then the known depth.
 impl Module for DepthAlignment {
     fn forward(&self, depths: &Tensor) -> Result<Tensor> {
         let inverse = depths.maximum(MIN_DEPTH)?.recip()?;

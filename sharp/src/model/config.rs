@@ -1,8 +1,10 @@
 //! Sizes of a network as data: the release is a preset; other networks are described in files.
 
+use std::fmt::Debug;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use sharp_checkpoint::hash::sha256_hex;
 
 use super::ModelError;
 use crate::initializer::Grid;
@@ -44,6 +46,39 @@ impl VitConfig {
     }
 }
 
+/// Predicted depth that the alignment network receives along with the known depth.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AlignmentInput {
+    /// As in the release, whose first convolution there has two input channels.
+    #[default]
+    FirstLayer,
+    /// As the paper's text may be read: its predicted depth has two layers. Three input channels.
+    BothLayers,
+}
+
+impl AlignmentInput {
+    /// Number of predicted layers.
+    pub fn layers(self) -> usize {
+        match self {
+            Self::FirstLayer => 1,
+            Self::BothLayers => LAYERS,
+        }
+    }
+
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// Hash of a configuration that is or contains a [`ModelConfig`]. A key that was added later counts only where it differs
+/// from its default, so that hashes by earlier programs remain valid.
+pub fn config_sha256(config: &impl Debug) -> String {
+    // Debug output of numbers, strings and lists of them is unambiguous and cannot fail.
+    let text = format!("{config:?}").replace(", alignment_input: None", "");
+    sha256_hex(text.replace(", alignment_input: FirstLayer", "").as_bytes())
+}
+
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelConfig {
@@ -68,6 +103,9 @@ pub struct ModelConfig {
     pub alignment_base_width: usize,
     /// Number of levels below it.
     pub alignment_steps: usize,
+    /// Weights trained with another input are refused.
+    #[serde(default, skip_serializing_if = "AlignmentInput::is_default")]
+    pub alignment_input: AlignmentInput,
     /// Side to which every image is resized, four times the transformers' input.
     pub internal_resolution: usize,
     /// Side in pixels of the block that one Gaussian covers: 2 gives the paper's 2×768² Gaussians, 4 its 2×384², 8 its
@@ -116,6 +154,7 @@ impl ModelConfig {
             gaussian_norm_num_groups: 8,
             alignment_base_width: 16,
             alignment_steps: 4,
+            alignment_input: AlignmentInput::FirstLayer,
             internal_resolution: 1536,
             gaussian_stride: release_stride(),
         }
@@ -354,6 +393,28 @@ mod tests {
         assert_eq!(
             ModelConfig::parse(&text, None).unwrap(),
             ModelConfig::release()
+        );
+    }
+
+    #[test]
+    fn a_later_key_leaves_files_and_hashes_of_earlier_programs_as_they_are() {
+        let mut config = ModelConfig::release();
+        let text = serde_json::to_string(&config).unwrap();
+        assert!(!text.contains("alignment_input"), "{text}");
+        assert_eq!(
+            config_sha256(&config),
+            "b489d9c32a980fce380c87860d67a7d9b4e22d6be65916c2d53bd2549dcd5611"
+        );
+        config.alignment_input = AlignmentInput::BothLayers;
+        let both = serde_json::to_string(&config).unwrap();
+        assert!(
+            both.contains(r#""alignment_input":"both_layers""#),
+            "{both}"
+        );
+        assert_eq!(ModelConfig::parse(&both, None).unwrap(), config);
+        assert_ne!(
+            config_sha256(&config),
+            config_sha256(&ModelConfig::release())
         );
     }
 }

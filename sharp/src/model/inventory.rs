@@ -87,8 +87,8 @@ impl CheckpointSource {
     /// ([`Parameter::used`]) may be absent.
     ///
     /// # Errors
-    /// [`ModelError::Config`] for an impossible configuration or one whose Gaussian stride differs from the weights';
-    /// [`ModelError::Incomplete`] with all other differences.
+    /// [`ModelError::Config`] for an impossible configuration or one whose Gaussian stride or alignment input differs
+    /// from the weights'; [`ModelError::Incomplete`] with all other differences.
     pub fn check(&self, config: &ModelConfig, allow_unused: &[String]) -> Result<(), ModelError> {
         config.validate()?;
         if let Some(stride) = self.stride()
@@ -98,6 +98,17 @@ impl CheckpointSource {
                 "`{}`: Gaussian stride {}, but the weights in {} are of stride {stride}: set `gaussian_stride`",
                 config.preset,
                 config.gaussian_stride,
+                self.file.path().display()
+            )));
+        }
+        let layers = config.alignment_input.layers();
+        if let Some(found) = self.alignment_layers()
+            && found != layers
+        {
+            return Err(ModelError::Config(format!(
+                "`{}`: the alignment receives {layers} of the depth layers, but {found} for the weights in {}: set \
+                 `alignment_input`",
+                config.preset,
                 self.file.path().display()
             )));
         }
@@ -173,6 +184,14 @@ impl CheckpointSource {
             _ => None,
         }
     }
+
+    /// Predicted depth layers that the weights' alignment network receives. `None` if the file has no such network.
+    fn alignment_layers(&self) -> Option<usize> {
+        match *self.file.shape(ALIGNMENT_CONVOLUTION).ok()? {
+            [_, channels, _, _] => channels.checked_sub(1),
+            _ => None,
+        }
+    }
 }
 
 /// Parts of names of layers that are zero before training.
@@ -181,6 +200,7 @@ pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_esti
 const LEAST_ZERO_TAIL: f64 = 0.1;
 
 const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";
+const ALIGNMENT_CONVOLUTION: &str = "depth_alignment.scale_map_estimator.encoder.conv_in.0.weight";
 
 impl WeightSource for CheckpointSource {
     fn values(&self, name: &str, _: &[usize]) -> Result<Vec<f32>, ModelError> {
@@ -191,6 +211,7 @@ impl WeightSource for CheckpointSource {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::config::AlignmentInput;
     use std::collections::BTreeMap;
 
     /// Compares names and shapes of our parameters with the official state dict.
@@ -239,6 +260,18 @@ mod tests {
             ] {
                 assert!(text.contains(part), "{text}");
             }
+        }
+    }
+
+    #[test]
+    fn weights_of_another_alignment_input_are_a_configuration_error() {
+        let mut config = tiny();
+        config.alignment_input = AlignmentInput::BothLayers;
+        let error = official_tiny().check(&config, &[]).unwrap_err();
+        assert!(matches!(error, ModelError::Config(_)), "{error:?}");
+        let text = error.to_string();
+        for part in ["receives 2 of", "but 1 for", "tiny_model.pt"] {
+            assert!(text.contains(part), "{text}");
         }
     }
 

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
-use sharp_checkpoint::hash::sha256_hex;
 
+use super::config::config_sha256;
 use super::inventory::CheckpointSource;
 use super::{Algorithm, DeviceChoice, ModelConfig, ModelError};
 
@@ -57,8 +57,7 @@ impl NetworkSpec {
             engine: self.device.open(self.convolution)?.name(),
             checkpoint_sha256: CheckpointSource::open(&self.checkpoint)?.sha256()?,
             preset: self.config.preset.clone(),
-            // Debug output of numbers, strings and lists of them is unambiguous and cannot fail.
-            config_sha256: sha256_hex(format!("{:?}", self.config).as_bytes()),
+            config_sha256: config_sha256(&self.config),
         })
     }
 }

@@ -208,22 +208,25 @@ impl Predictor {
         Ok((base, normalized.feature_input(image)))
     }
 
-    /// Factors `[R, R]` of the alignment network for a predicted and a known depth map, both `[R, R]`.
+    /// Factors `[R, R]` of the alignment network for both layers of predicted depth, `[2, R, R]`, and known depth,
+    /// `[R, R]`.
     ///
     /// # Errors
-    /// [`ModelError::Image`] if a map is not `[R, R]`; [`ModelError::Tensor`].
+    /// [`ModelError::Image`] for other sizes; [`ModelError::Tensor`].
     pub fn alignment_map(&self, predicted: &[f32], known: &[f32]) -> Result<Vec<f32>, ModelError> {
         let pixels = self.config.grid().pixels();
-        if [predicted.len(), known.len()] != [pixels; 2] {
+        if [predicted.len(), known.len()] != [LAYERS * pixels, pixels] {
             return Err(ModelError::Image(format!(
-                "depth maps of {} and {} values instead of {pixels}",
+                "depth maps of {} and {} values instead of {} and {pixels}",
                 predicted.len(),
-                known.len()
+                known.len(),
+                LAYERS * pixels
             )));
         }
         let side = self.config.internal_resolution;
-        let depths = [predicted, known].concat();
-        let depths = from_planes(&depths, (2, side, side), &self.compute.device)?;
+        let layers = self.config.alignment_input.layers();
+        let depths = [&predicted[..layers * pixels], known].concat();
+        let depths = from_planes(&depths, (layers + 1, side, side), &self.compute.device)?;
         let log = to_planes(&self.network.depth_alignment.forward(&depths)?)?;
         Ok(log.into_iter().map(f32::exp).collect())
     }

@@ -39,7 +39,7 @@ pub struct TrainingInput<'a> {
     pub disparity_factor: f32,
     /// True depth of the image, `[R, R]` in metres, to which the alignment network scales the
     /// predicted depth; without it the factors are 1. It is infinite in the sky. At pixels where it
-    /// is 0 (unknown), the network receives the predicted depth instead.
+    /// is 0 (unknown), the network receives the first predicted layer instead.
     pub known_depth: Option<&'a [f32]>,
     /// If true, disparity at or below its lower bound still passes gradients that would raise it.
     /// If false, a randomly initialised network may lose all of its depth at once and never
@@ -238,11 +238,12 @@ impl TrainableNetwork {
         let predicted = Var::from_tensor(&predicted)?.into_inner();
         let is_unknown = |known: &f32| u8::from(known.is_nan() || *known <= 0.0);
         let unknown: Vec<u8> = known.iter().map(is_unknown).collect();
-        let first = predicted.narrow(3, 0, 1)?;
+        let layers = predicted.narrow(3, 0, self.config.alignment_input.layers())?;
+        let first = layers.narrow(3, 0, 1)?;
         let unknown = Tensor::from_vec(unknown, first.shape(), device)?;
         let known = Tensor::from_slice(known, first.shape(), device)?;
         let seen = unknown.where_cond(&first, &known)?;
-        let depths = Tensor::cat(&[&first, &seen], 3)?;
+        let depths = Tensor::cat(&[&layers, &seen], 3)?;
         let log = match recompute {
             None => network.forward(&depths)?,
             Some(recompute) => recompute.run(&[&depths], move |x| Ok(network.forward(&x[0])?))?,

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Deserializer};
 use sharp::model::ModelConfig;
-use sharp_checkpoint::hash::sha256_hex;
+use sharp::model::config::{AlignmentInput, config_sha256};
 use sharp_datasets::DatasetSpec;
 
 use crate::losses::{LossOptions, LossWeights};
@@ -67,6 +67,8 @@ pub struct TrainingConfig {
     pub trained: TrainedParts,
     /// True if predicted depth is aligned with the true depth before use (paper, depth adjustment).
     pub aligned: bool,
+    /// Overrides the network's; parsing moves it there.
+    pub alignment_input: Option<AlignmentInput>,
     /// True if disparity that has become zero may recover; see
     /// [`TrainingInput`](sharp::model::training::TrainingInput). Not in the paper, whose network is pretrained.
     pub zeros_return: bool,
@@ -209,6 +211,7 @@ impl Default for TrainingConfig {
             loss_options: LossOptions::default(),
             trained: TrainedParts::default(),
             aligned: true,
+            alignment_input: None,
             zeros_return: false,
             adam: Adam::default(),
             stage1: stage(100_000, 128),
@@ -256,7 +259,7 @@ impl TrainingConfig {
     /// # Errors
     /// [`ConfigError::Parse`] and [`ConfigError::Value`], both with the file's path.
     pub fn parse(text: &str, path: &Path) -> Result<Self, ConfigError> {
-        let config: Self = toml::from_str(text).map_err(|error| ConfigError::Parse {
+        let mut config: Self = toml::from_str(text).map_err(|error| ConfigError::Parse {
             path: path.to_owned(),
             line: error
                 .span()
@@ -276,14 +279,17 @@ impl TrainingConfig {
             let reason = format!("is required if `{other}` is given; `{key}.steps = 0` skips it");
             (key.to_owned(), reason)
         });
-        match config.first_fault().or(missing) {
-            None => Ok(config),
-            Some((key, reason)) => Err(ConfigError::Value {
+        if let Some((key, reason)) = config.first_fault().or(missing) {
+            return Err(ConfigError::Value {
                 path: path.to_owned(),
                 key,
                 reason,
-            }),
+            });
         }
+        if let Some(input) = config.alignment_input.take() {
+            config.network.alignment_input = input;
+        }
+        Ok(config)
     }
 
     pub fn stage(&self, stage: Stage) -> &StageConfig {
@@ -300,8 +306,7 @@ impl TrainingConfig {
             intervals: Intervals::default(),
             ..self.clone()
         };
-        // Debug output of numbers, strings and lists of them is unambiguous and cannot fail.
-        sha256_hex(format!("{decides:?}").as_bytes())
+        config_sha256(&decides)
     }
 
     /// The first invalid value: its key, and the reason.
@@ -316,6 +321,11 @@ impl TrainingConfig {
                 self.initial.is_none() || self.initial_depth.is_none(),
                 "initial_depth",
                 "cannot be combined with `initial`, which includes the depth network",
+            ),
+            (
+                self.aligned || self.alignment_input != Some(AlignmentInput::BothLayers),
+                "alignment_input",
+                "is \"both_layers\", but nothing is aligned: `aligned` is false",
             ),
             (
                 betas.iter().all(|beta| (0.0..1.0).contains(beta)),

@@ -80,11 +80,10 @@ pub fn compare(
     let prediction = observe(predictor, image, focal_px, &mut comparer)?;
     if recording.stages(prefix).contains(&KNOWN_DEPTH) {
         let known = recording.stage(prefix, KNOWN_DEPTH)?;
-        let layer = prediction.depth.len() / LAYERS;
         if let RecordedValues::Whole(known) = known.values
-            && known.len() == layer
+            && LAYERS * known.len() == prediction.depth.len()
         {
-            let factors = predictor.alignment_map(&prediction.depth[..layer], &known)?;
+            let factors = predictor.alignment_map(&prediction.depth, &known)?;
             let side = prediction.resolution;
             let shape = [1, 1, side, side];
             comparer.stage("alignment.map", StageValue::host(&shape, &factors))?;

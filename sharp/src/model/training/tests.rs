@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 
 use super::*;
+use crate::model::config::AlignmentInput;
 use crate::model::predictor::Predictor;
 use crate::model::synth::Synth;
 use crate::random::SplitMix64;
@@ -23,6 +24,13 @@ fn config() -> ModelConfig {
 
 fn network() -> TrainableNetwork {
     TrainableNetwork::new(&config(), Compute::cpu(Algorithm::Winograd)).unwrap()
+}
+
+/// Its alignment receives both depth layers.
+fn both_layers() -> TrainableNetwork {
+    let mut config = config();
+    config.alignment_input = AlignmentInput::BothLayers;
+    TrainableNetwork::new(&config, Compute::cpu(Algorithm::Winograd)).unwrap()
 }
 
 fn weights(network: &TrainableNetwork) -> Weights {
@@ -144,9 +152,32 @@ const MODULES: [&str; 9] = [
 
 #[test]
 fn gradients_of_every_module_are_those_of_central_differences() {
-    let network = network();
+    assert_central_differences(&network(), &MODULES);
+}
+
+#[test]
+fn gradients_through_an_alignment_of_both_layers_are_those_of_central_differences() {
+    let modules = ["monodepth_predictor.head", "depth_alignment"];
+    assert_central_differences(&both_layers(), &modules);
+}
+
+#[test]
+fn an_alignment_of_both_layers_depends_on_the_second() {
+    const HEAD: &str = "monodepth_model.monodepth_predictor.head.4.bias";
     let scene = scene();
-    let weights = weights(&network);
+    let factors = |network: &TrainableNetwork, second: f32| {
+        let mut weights = weights(network);
+        weights.get_mut(HEAD).unwrap()[1] += second;
+        let pass = network.forward(Held(weights), |_| false, scene.input());
+        pass.unwrap().factors
+    };
+    assert_eq!(factors(&network(), 0.0), factors(&network(), 0.5));
+    assert_ne!(factors(&both_layers(), 0.0), factors(&both_layers(), 0.5));
+}
+
+fn assert_central_differences(network: &TrainableNetwork, modules: &[&str]) {
+    let scene = scene();
+    let weights = weights(network);
     let pass = |weights: Weights| {
         let all = |_: &str| true;
         network.forward(Held(weights), all, scene.input()).unwrap()
@@ -164,7 +195,7 @@ fn gradients_of_every_module_are_those_of_central_differences() {
         let reached = gradients.contains_key(name);
         assert_eq!(reached, used(name), "{name}");
     }
-    for module in MODULES {
+    for &module in modules {
         let of_module: BTreeMap<&String, &Vec<f32>> = gradients
             .iter()
             .filter(|(name, _)| name.contains(module))
@@ -188,7 +219,7 @@ fn gradients_of_every_module_are_those_of_central_differences() {
             loss.of(&pass(moved))
         };
         let found = |step: f64| (moved(step) - moved(-step)) / (2.0 * step);
-        let best = [3e-4, 1e-4]
+        let best = [3e-4, 1e-4, 3e-5]
             .map(|step| (found(step) / length - 1.0).abs())
             .into_iter()
             .fold(f64::INFINITY, f64::min);

@@ -79,6 +79,20 @@ fn everything_can_be_set() {
 }
 
 #[test]
+fn the_alignment_input_is_the_networks() {
+    let both = load("alignment_input = \"both_layers\"").unwrap();
+    assert_eq!(both.network.alignment_input, AlignmentInput::BothLayers);
+    assert_ne!(both.sha256(), TrainingConfig::default().sha256());
+    let first = load("alignment_input = \"first_layer\"\naligned = false").unwrap();
+    assert_eq!(first.network, ModelConfig::release());
+    // As before there was this key.
+    assert_eq!(
+        TrainingConfig::default().sha256(),
+        "9ec774413cd04b0764a504dd7a101e5faa381d0432ac37cbe5a5967f3de6a503"
+    );
+}
+
+#[test]
 fn both_stages_may_have_reflective_scenes() {
     let stage = "steps = 20\nschedule.warmup_steps = 5\ndata = \"reflective\"\n";
     let config = load(&format!("[stage1]\n{stage}[stage2]\n{stage}")).unwrap();
@@ -108,6 +122,11 @@ fn errors_name_file_and_key() {
             "initial = \"a\"\ninitial_depth = \"b\"",
             "`initial_depth` cannot be combined with",
         ),
+        (
+            "aligned = false\nalignment_input = \"both_layers\"",
+            "`alignment_input` is \"both_layers\", but nothing is aligned",
+        ),
+        ("alignment_input = 2", "line 1: "),
         ("adam.betas = [0.9, 1.0]", "`adam.betas`"),
         ("adam.epsilon = 0.0", "`adam.epsilon`"),
         ("adam.weight_decay = -1.0", "`adam.weight_decay`"),

@@ -1,4 +1,5 @@
 use sharp::composer::compose;
+use sharp::model::config::AlignmentInput;
 use sharp_checkpoint::Checkpoint;
 
 use super::*;
@@ -160,6 +161,50 @@ fn what_is_not_finite_ends_the_training_and_leaves_its_inputs() {
             Trainer::open(training.trainer.config, None, training.folder.path(), cpu()).unwrap();
         assert_eq!(*again.state == *before, value.is_finite(), "{part}");
     }
+}
+
+#[test]
+fn an_alignment_of_both_layers_is_trained_and_its_weights_are_told_apart() {
+    const FIRST: &str = "depth_alignment.scale_map_estimator.encoder.conv_in.0.weight";
+    let first_layer = config([3, 0], 48);
+    let mut both_layers = first_layer.clone();
+    both_layers.network.alignment_input = AlignmentInput::BothLayers;
+    let mut training = Training::new(&both_layers);
+    let weights = |training: &Training| {
+        let mut weights = training.trainer.state.weights.iter();
+        let first = weights.find(|weights| weights.name == FIRST).unwrap();
+        first.clone()
+    };
+    let before = weights(&training);
+    training.trainer.run(&mut Silent).unwrap();
+    let after = weights(&training);
+    assert_eq!(after.shape[1], 3);
+    assert!(after.values.iter().all(|value| value.is_finite()));
+    // Every channel learns: kernels are [output, input, row, column].
+    for channel in 0..3 {
+        let kernels = |values: &[f32]| -> Vec<f32> {
+            let kernels = values.chunks_exact(9).skip(channel).step_by(3);
+            kernels.flatten().copied().collect()
+        };
+        assert_ne!(kernels(&before.values), kernels(&after.values), "{channel}");
+    }
+    let mut other = Training::new(&first_layer);
+    other.trainer.run(&mut Silent).unwrap();
+    let [log, other_log] = [&training, &other].map(|t| std::fs::read(t.path("log.csv")).unwrap());
+    assert_ne!(log, other_log);
+
+    let file = training.path("both.safetensors");
+    training.trainer.export(&file, Precision::F32).unwrap();
+    both_layers.initial = Some(file.clone());
+    assert_eq!(weights(&Training::new(&both_layers)).values, after.values);
+    let refused = TrainingConfig {
+        initial: Some(file),
+        ..first_layer
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let opened = Trainer::open(refused, None, folder.path(), cpu());
+    let error = opened.err().unwrap().to_string();
+    assert!(error.contains("set `alignment_input`"), "{error}");
 }
 
 /// The teacher is the network with its initial weights.
