@@ -426,6 +426,7 @@ mod tests {
                 zoom,
                 roll: 0,
                 shift,
+                bend: 0,
             })
         };
         for (found, parts) in [

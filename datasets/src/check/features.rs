@@ -52,6 +52,8 @@ const LEAST_ELSEWHERE: f64 = 0.75;
 const LEAST_OF_FOCALS: f64 = 0.85;
 /// Number of focal lengths tried in each direction, up to a factor of 2, and the ratio between consecutive ones.
 const FOCALS: (i32, f64) = (20, 1.0353);
+/// Maximum difference of the fraction of matches explained by square pixels and by the best factor of fx or fy alone.
+const SQUARE: f64 = 0.03;
 /// Changes of focal lengths that explain far fewer matches where focal lengths can be judged.
 const OTHER_FOCALS: [f64; 2] = [0.8, 1.25];
 /// Maximum fraction of matches that the pictures' own poses may explain if the poses of other views are reported. Above
@@ -222,8 +224,17 @@ impl<'a> Matches<'a> {
         let first = self.cameras.values().next()?;
         let found = Focal::ALL.iter().filter_map(|which| {
             let with = |factor| self.with_focals(|_| which.times(factor));
-            let factor = least(FOCALS.0, FOCALS.1, &|factor, _| with(factor).mean_miss());
-            let explained = with(factor).explained(CONVENTIONS[0].take, &Some);
+            let explained = |factor| with(factor).explained(CONVENTIONS[0].take, &Some);
+            let best = least(FOCALS.0, FOCALS.1, &|factor, _| with(factor).mean_miss());
+            // One focal length alone is measured less exactly, but usually equals the other.
+            let square = match which {
+                Focal::Both => best,
+                Focal::X => first.fy / first.fx,
+                Focal::Y => first.fx / first.fy,
+            };
+            let is_square = share(&explained(square)) >= share(&explained(best)) - SQUARE;
+            let factor = if is_square { square } else { best };
+            let explained = explained(factor);
             let is_better = is_worth_a_word(factor)
                 && share(&explained) >= LEAST_OF_FOCALS
                 && compared(as_read, &explained).is_some();
@@ -549,6 +560,8 @@ mod tests {
     use crate::check::tests::views;
     use crate::check::{QUICK, THOROUGH};
 
+    use glam::DMat3;
+
     const SIZE: (u32, u32) = (256, 192);
 
     #[test]
@@ -596,6 +609,75 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// Matches of views whose camera moves sideways or, if `forward`, ahead, and turns by `turn` from view to view.
+    fn moving(views: &mut [View], turn: f64, forward: bool) -> Vec<(usize, DVec2, DVec2)> {
+        for (i, view) in views.iter_mut().enumerate() {
+            let at = i as f64;
+            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+            view.camera_from_world = RigidTransform {
+                rotation: DMat3::from_rotation_x(turn * sign) * DMat3::from_rotation_y(turn * at),
+                translation: match forward {
+                    true => DVec3::new(0.0, 0.0, -0.2 * at),
+                    false => DVec3::new(0.2 * at, 0.1 * sign, 0.0),
+                },
+            };
+        }
+        let random =
+            |seed: usize| f64::from((seed as u32).wrapping_mul(2_654_435_761) >> 8) / 16_777_216.0;
+        let all = (0..views.len() - 1).flat_map(|i| (0..60).map(move |k| (i, 180 * i + 3 * k)));
+        let all = all.filter_map(|(i, seed)| {
+            let (view, next) = (&views[i], &views[i + 1]);
+            let size = DVec2::new(view.intrinsics.width.into(), view.intrinsics.height.into());
+            let from = size * DVec2::new(random(seed), random(seed + 1));
+            let point = view
+                .intrinsics
+                .unproject(from, 2.0 + 4.0 * random(seed + 2));
+            let point = next
+                .camera_from_world
+                .after(&view.camera_from_world.inverse())
+                .apply(point);
+            let to = next.intrinsics.project(point)?;
+            next.intrinsics.contains(to).then_some((i, from, to))
+        });
+        all.collect()
+    }
+
+    #[test]
+    fn focal_lengths_are_named_where_features_tell_them() {
+        let mut views = views(0, SIZE);
+        let matches = moving(&mut views, 0.12, false);
+        let read = |matches: &[(usize, DVec2, DVec2)], views: &[View], times: DVec2| {
+            let cameras = views.iter().map(|view| view.intrinsics).enumerate();
+            let right = Matches {
+                views,
+                cameras: cameras.collect(),
+                matches: matches.to_vec(),
+            };
+            let wrong = right.with_focals(|_| times);
+            (wrong.contradiction(Units::default()), wrong.note())
+        };
+        let (said, note) = read(&matches, &views, DVec2::ONE);
+        assert!(said.is_none() && note.ends_with("lines"), "{said:?} {note}");
+        for which in Focal::ALL {
+            for factor in [0.5, 0.75, 1.25, 2.0] {
+                let (said, _) = read(&matches, &views, which.times(factor));
+                let name = ["the focal length", "fx", "fy"][which as usize];
+                let part = format!("{name} should be {} times", advice::number(1.0 / factor));
+                assert!(
+                    said.as_ref().is_some_and(|said| said.contains(&part)),
+                    "{part}: {said:?}"
+                );
+            }
+        }
+        // Straight ahead, every focal length fits.
+        let matches = moving(&mut views, 0.0, true);
+        let (said, note) = read(&matches, &views, DVec2::splat(1.5));
+        assert!(
+            said.is_none() && note.ends_with("cannot be judged"),
+            "{said:?} {note}"
+        );
     }
 
     #[test]
