@@ -6,6 +6,7 @@ use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR};
 use super::picture_agreement::{changed_pictures, repeated_pictures};
 use super::picture_check::is_checked;
 use super::picture_order::misplaced_pictures;
+use super::picture_stamp::stamped_pictures;
 use super::record::Record;
 use crate::methods::{TrueDepth, UNUSABLE};
 use crate::pairs::pair_id::source_of;
@@ -137,6 +138,7 @@ pub(super) fn joint_doubts<'a>(
         true => [
             changed_pictures(records.clone()),
             misplaced_pictures(records.clone()),
+            stamped_pictures(records.clone()),
             repeated_pictures(records.clone()),
         ]
         .concat(),

@@ -19,7 +19,7 @@
 //!   [`status`]: progress.
 //! * `keys`: hashed inputs of each stage; [`gaussians`]: predictions of sources, stored, rendered and compared with
 //!   their photographs; `picture_check`, `picture_framing`, `picture_layout`, `picture_levels`, `picture_motion`,
-//!   `picture_order` and `picture_placement`: compare pictures with the photographs that they predict; [`finding`]: what
+//!   `picture_order`, `picture_placement` and `picture_stamp`: compare pictures with the photographs that they predict; [`finding`]: what
 //!   that found;
 //!   `picture_agreement`: what is said about it; [`doubts`]: warnings from a method's records.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]:
@@ -50,6 +50,7 @@ mod picture_levels;
 mod picture_motion;
 pub(crate) mod picture_order;
 mod picture_placement;
+mod picture_stamp;
 pub mod pipeline;
 pub mod plan;
 mod predict;

@@ -16,6 +16,7 @@ use super::gaussians::likeness::Likeness;
 use super::picture_check::shrunk;
 use super::picture_framing::shown_framing;
 use super::picture_motion::shown_camera;
+use super::picture_stamp::wrong_cells;
 use super::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
@@ -78,10 +79,10 @@ pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
     compared
 }
 
-/// At most `most` of `count` indices, evenly spaced.
+/// At most `most` of `count` indices, about evenly spaced. Equal distances could always lead to the same target.
 fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
     let n = count.min(most);
-    (0..n).map(move |k| k * count / n)
+    (0..n).map(move |k| k * count / n + k % (count / n).max(1))
 }
 
 /// Reduced photographs by dataset, scene and view.
@@ -98,7 +99,7 @@ impl Thumbnails {
     }
 }
 
-/// Sets [`Record::shows`] and [`Record::camera`] if the picture is in the sample and covers the whole target.
+/// Sets [`Record::shows`], [`Record::camera`] and [`Record::wrong_cells`] if the picture is in the sample and covers the whole target.
 pub(super) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,
@@ -106,11 +107,12 @@ pub(super) fn note_order(
     (photograph, picture): (&RgbImage, &RgbImage),
     read: &mut Thumbnails,
 ) {
-    (record.shows, record.camera) = (None, None);
+    (record.shows, record.camera, record.wrong_cells) = (None, None, None);
     let others = others.get(&record.pair_id);
     let (Some(others), None) = (others, record.crop) else {
         return;
     };
+    record.wrong_cells = Some(wrong_cells(photograph, picture));
     let [seen, shown] = [photograph, picture].map(shrunk);
     let Some(source) = read.of(planned, planned.source) else {
         return;
@@ -425,6 +427,7 @@ mod tests {
                 zoom,
                 roll: 0,
                 shift,
+                bend: 0,
             })
         };
         for (found, parts) in [

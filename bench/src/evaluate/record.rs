@@ -110,6 +110,9 @@ pub struct Record {
     /// The camera that the stored picture shows, if it could be measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<ShownCamera>,
+    /// Cells of a grid in which the stored picture differs from the target, with their levels, if it was compared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wrong_cells: Option<Vec<(u16, u8)>>,
     /// A note on the rendering rule of the Gaussians, if it was stated neither by the file nor by
     /// the user.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -335,6 +338,7 @@ pub(super) mod tests {
             change: None,
             shows: None,
             camera: None,
+            wrong_cells: None,
             rule_note: None,
         }
     }

@@ -283,6 +283,7 @@ pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
         change: None,
         shows: None,
         camera: None,
+        wrong_cells: None,
         rule_note: None,
     }
 }

@@ -54,6 +54,7 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         change: None,
         shows: None,
         camera: None,
+        wrong_cells: None,
         rule_note: None,
     }
 }

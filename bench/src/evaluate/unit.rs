@@ -253,6 +253,7 @@ mod tests {
             change: None,
             shows: None,
             camera: None,
+            wrong_cells: None,
             rule_note: None,
         };
         let score = StoredScore {

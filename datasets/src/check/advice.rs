@@ -10,7 +10,7 @@ use crate::{DatasetSpec, View};
 /// Plausible range of scene depths, in metres.
 pub(super) const DEPTHS_M: (f64, f64) = (0.05, 2000.0);
 
-/// A dataset's settings for units, and whether it has one for masks.
+/// A dataset's settings for units, whether it has one for masks, and how it stores poses.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
     /// Metres per unit of the poses; `None` if not set.
@@ -21,6 +21,8 @@ pub struct Units {
     is_of_points: bool,
     /// True if a setting says which side of masks is kept.
     has_mask_sides: bool,
+    /// True if poses are stored as matrices, not as quaternions.
+    pub(super) are_matrices: bool,
 }
 
 impl Units {
@@ -32,6 +34,7 @@ impl Units {
             depth_unit: value("depth-unit").filter(|_| !is_of_points),
             is_of_points,
             has_mask_sides: spec.has_mask_sides(),
+            are_matrices: matches!(spec.entry.format, "nerfstudio" | "wildrgbd"),
         }
     }
 
@@ -97,6 +100,16 @@ pub(super) fn sentence(
              near · far / (far − value · (far − near)) for values from 0 to 1",
             number(*near)
         ),
+        Change::Planes { scale, by } => {
+            let (factor, offset) = (
+                number(1.0 / scale),
+                number(units.pose_unit_m() * by / scale),
+            );
+            format!(
+                "depth times about {factor} plus about {offset} m fits, so it was probably normalised between a near and a far \
+                 distance: {evidence}; convert the depth maps to metres"
+            )
+        }
         Change::RayLength => {
             let fits = match units.depth_unit {
                 Some(_) => "depth-kind=ray fits",

@@ -20,6 +20,11 @@ pub(super) enum Change {
     CentreOff(DVec2),
     /// Depth fits if this many metres are added.
     Short(f64),
+    /// Depth fits if `by` metres are added, and the poses' translations are multiplied by `scale`.
+    Planes {
+        scale: f64,
+        by: f64,
+    },
     RayLength,
     /// Depth was already z, but was interpreted as ray length.
     NoRayLength,
@@ -58,6 +63,8 @@ pub(super) enum Focal {
 }
 
 impl Focal {
+    pub(super) const ALL: [Self; 3] = [Self::Both, Self::X, Self::Y];
+
     pub(super) fn times(self, factor: f64) -> DVec2 {
         match self {
             Self::Both => DVec2::splat(factor),
@@ -78,6 +85,7 @@ impl Change {
                 | Self::Bent(_)
                 | Self::Registered(_)
                 | Self::Buffer(_)
+                | Self::Planes { .. }
         )
     }
 

@@ -138,12 +138,14 @@ const BODIES: [Convention; 2] = [
 const BODY: &str = "the axes of a vehicle's body (x forward, as in ROS) in place of the camera's";
 const ROTATION_TRANSPOSED: &str = "the poses' rotations transposed";
 
-/// All conventions except the one that the dataset reader assumes.
-pub(super) fn alternatives() -> impl Iterator<Item = &'static Convention> {
+/// All conventions except the one that the dataset reader assumes. Orders of quaternions are included unless the
+/// dataset stores its poses as matrices.
+pub(super) fn alternatives(are_matrices: bool) -> impl Iterator<Item = &'static Convention> {
+    let reordered = REORDERED.iter().filter(move |_| !are_matrices);
     let axes = CONVENTIONS[1..].iter().chain(&MIRRORED);
     let places = axes.chain(&EXCHANGED_PLACES);
     let turned = TRANSPOSED.iter().chain(&TURNED).chain(&BODIES);
-    places.chain(&REORDERED).chain(turned)
+    places.chain(reordered).chain(turned)
 }
 
 /// Pose of a camera whose picture was turned by 90 degrees, clockwise if `sign` is 1.
@@ -214,4 +216,18 @@ pub(super) fn flip(camera_from_world: &RigidTransform) -> RigidTransform {
         camera_from_world,
         DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::alternatives;
+
+    #[test]
+    fn matrices_have_no_order_of_quaternions() {
+        let reordered = |are_matrices| {
+            let all = alternatives(are_matrices);
+            all.filter(|one| one.name.contains("quaternion")).count()
+        };
+        assert_eq!((reordered(true), reordered(false)), (0, 4));
+    }
 }

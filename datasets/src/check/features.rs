@@ -7,13 +7,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{DVec2, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
 
-use super::change::{Change, Moves};
+use super::Effort;
+use super::advice::{self, Units};
+use super::change::{Change, Focal, Moves};
 use super::convention::{CONVENTIONS, alternatives};
 use super::floor::Residual;
 use super::neighbours::Neighbours;
-use super::orders::{is_one_to_one, neighbours, orders};
+use super::orders::{is_one_to_one, neighbours, orders, thinned};
+use super::search::{is_worth_a_word, least};
 use super::small_view::{Grey, SmallView, ray};
-use super::{Effort, advice};
 use crate::View;
 use crate::view::evenly_spaced;
 
@@ -46,6 +48,14 @@ const LEAST_ERRORS: f64 = 4.0;
 const MOST_TRIED: usize = 48;
 /// Minimum fraction of matches that the poses of other views must explain to be reported.
 const LEAST_ELSEWHERE: f64 = 0.75;
+/// Minimum fraction of matches that other focal lengths must explain to be reported.
+const LEAST_OF_FOCALS: f64 = 0.85;
+/// Number of focal lengths tried in each direction, up to a factor of 2, and the ratio between consecutive ones.
+const FOCALS: (i32, f64) = (20, 1.0353);
+/// Maximum difference of the fraction of matches explained by square pixels and by the best factor of fx or fy alone.
+const SQUARE: f64 = 0.03;
+/// Changes of focal lengths that explain far fewer matches where focal lengths can be judged.
+const OTHER_FOCALS: [f64; 2] = [0.8, 1.25];
 /// Maximum fraction of matches that the pictures' own poses may explain if the poses of other views are reported. Above
 /// this, the pictures' own poses may merely be imprecise, and one of many alternatives may fit better by chance.
 const MOST_AS_READ: f64 = 0.5;
@@ -98,10 +108,21 @@ impl<'a> Matches<'a> {
     pub(super) fn note(&self) -> String {
         let explained = self.explained(CONVENTIONS[0].take, &Some);
         let (n, share) = (self.matches.len(), share(&explained));
+        let is_as_good = |times: DVec2| {
+            let other = self.with_focals(|_| times);
+            self::share(&other.explained(CONVENTIONS[0].take, &Some)) > share - LEAST_MORE
+        };
+        let mut others = Focal::ALL
+            .iter()
+            .flat_map(|which| OTHER_FOCALS.map(|by| which.times(by)));
+        let unjudged = match share >= LEAST_SHARE && others.any(is_as_good) {
+            true => ", from which focal lengths cannot be judged",
+            false => "",
+        };
         match n >= LEAST_MATCHES {
             true => format!(
                 "poses: without depth, {:.0} % of {n} features that match between neighbouring views lie on their \
-                 epipolar lines, from which focal lengths cannot be judged",
+                 epipolar lines{unjudged}",
                 100.0 * share
             ),
             false => format!(
@@ -110,12 +131,12 @@ impl<'a> Matches<'a> {
         }
     }
 
-    pub(super) fn contradiction(&self) -> Option<String> {
+    pub(super) fn contradiction(&self, units: Units) -> Option<String> {
         if self.matches.len() < LEAST_MATCHES {
             return None;
         }
         let as_read = self.explained(CONVENTIONS[0].take, &Some);
-        let conventions = alternatives().map(|convention| {
+        let conventions = alternatives(units.are_matrices).map(|convention| {
             let change = Change::Convention(convention.name);
             (change, self.explained(convention.take, &Some))
         });
@@ -124,23 +145,17 @@ impl<'a> Matches<'a> {
         let seen = || self.cameras.keys().copied();
         let exchanged = seen().flat_map(|a| seen().filter(move |b| *b > a).map(move |b| (a, b)));
         let exchanged: Vec<(usize, usize)> = exchanged.collect();
-        let orders = orders(self.views, &starts, &exchanged, Moves::Poses.noun()).into_iter();
+        let noun = Moves::Poses.noun();
+        let orders = orders(self.views, &starts, &exchanged, noun).into_iter();
+        let orders = orders.chain(thinned(self.views, noun));
         let orders = orders.map(|(text, pose_of, _)| {
             (order(text), self.explained(CONVENTIONS[0].take, &*pose_of))
         });
         let elsewhere = self.all_elsewhere(&starts, &as_read).into_iter();
         let elsewhere = elsewhere.map(|(text, explained)| (order(text), explained));
         let cameras = self.exchanged_cameras().into_iter();
-        let cameras = cameras.map(|(text, cameras)| {
-            let other = Self {
-                cameras,
-                matches: self.matches.clone(),
-                ..*self
-            };
-            let explained = other.explained(CONVENTIONS[0].take, &Some);
-            (Change::Cameras(text), explained)
-        });
-        let better = cameras.chain(conventions).chain(orders).chain(elsewhere);
+        let better = cameras.chain(conventions).chain(self.other_focal(&as_read));
+        let better = better.chain(orders).chain(elsewhere);
         let better =
             better.filter_map(|(change, other)| Some((change, compared(&as_read, &other)?)));
         // Of equally good changes, takes the first, which is the simplest.
@@ -149,7 +164,7 @@ impl<'a> Matches<'a> {
         Some(advice::sentence(
             &change,
             &found.evidence(),
-            advice::Units::default(),
+            units,
             1.0,
             self.views,
         ))
@@ -170,7 +185,7 @@ impl<'a> Matches<'a> {
             let residual = all.entry(*i).or_insert(Residual::of(*i));
             residual.matches += 1;
             let [on, close] =
-                [NEAR, CLOSE].map(|near| lies(&next_from_view, rays, near / next_camera.fx));
+                [NEAR, CLOSE].map(|near| lies(&next_from_view, rays, near * pixel(next_camera)));
             residual.on_lines += usize::from(on);
             residual.close += usize::from(close);
             let miss = of.and_then(|of| of.miss((*i, camera, *a), next_camera, *b));
@@ -182,14 +197,65 @@ impl<'a> Matches<'a> {
         all.into_values().collect()
     }
 
-    /// Description and cameras, if two kinds of views have exchanged focal lengths.
-    fn exchanged_cameras(&self) -> Option<(String, BTreeMap<usize, Intrinsics>)> {
-        let (text, factors) = exchanged_focals(self.views)?;
-        let exchanged = self.cameras.iter().map(|(i, k)| {
-            let (fx, fy) = (k.fx * factors[*i].x, k.fy * factors[*i].y);
+    /// The same matches with the focal lengths of each view multiplied by these factors.
+    fn with_focals(&self, factors: impl Fn(usize) -> DVec2) -> Self {
+        let cameras = self.cameras.iter().map(|(i, k)| {
+            let (fx, fy) = (k.fx * factors(*i).x, k.fy * factors(*i).y);
             (*i, Intrinsics { fx, fy, ..*k })
         });
-        Some((text, exchanged.collect()))
+        Self {
+            cameras: cameras.collect(),
+            matches: self.matches.clone(),
+            ..*self
+        }
+    }
+
+    /// Tries exchanging the focal lengths of two kinds of views.
+    fn exchanged_cameras(&self) -> Option<(Change, Vec<Option<bool>>)> {
+        let (text, factors) = exchanged_focals(self.views)?;
+        let other = self.with_focals(|i| factors[i]);
+        let explained = other.explained(CONVENTIONS[0].take, &Some);
+        Some((Change::Cameras(text), explained))
+    }
+
+    /// The common factor of focal lengths that explains the matches significantly better, and nearly all of them. Of
+    /// several, the one with the most nearly square pixels.
+    fn other_focal(&self, as_read: &[Option<bool>]) -> Option<(Change, Vec<Option<bool>>)> {
+        let first = self.cameras.values().next()?;
+        let found = Focal::ALL.iter().filter_map(|which| {
+            let with = |factor| self.with_focals(|_| which.times(factor));
+            let explained = |factor| with(factor).explained(CONVENTIONS[0].take, &Some);
+            let best = least(FOCALS.0, FOCALS.1, &|factor, _| with(factor).mean_miss());
+            // One focal length alone is measured less exactly, but usually equals the other.
+            let square = match which {
+                Focal::Both => best,
+                Focal::X => first.fy / first.fx,
+                Focal::Y => first.fx / first.fy,
+            };
+            let is_square = share(&explained(square)) >= share(&explained(best)) - SQUARE;
+            let factor = if is_square { square } else { best };
+            let explained = explained(factor);
+            let is_better = is_worth_a_word(factor)
+                && share(&explained) >= LEAST_OF_FOCALS
+                && compared(as_read, &explained).is_some();
+            let times = which.times(factor);
+            let stretch = (first.fx * times.x / (first.fy * times.y)).ln().abs();
+            is_better.then_some((stretch, (Change::Focal(*which, factor), explained)))
+        });
+        let best = found.min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map(|(_, best)| best)
+    }
+
+    /// Mean distance of matches from their epipolar lines, as a fraction of [`CLOSE`], with 1 for larger distances.
+    fn mean_miss(&self) -> f64 {
+        let pose = |i: usize| &self.views[i].camera_from_world;
+        let misses = self.matches.iter().map(|(i, a, b)| {
+            let other_from_one = pose(i + 1).after(&pose(*i).inverse());
+            let (one, other) = (&self.cameras[i], &self.cameras[&(i + 1)]);
+            let near = CLOSE * pixel(other);
+            (miss(&other_from_one, (ray(one, *a), ray(other, *b)), near) / near).min(1.0)
+        });
+        misses.sum::<f64>() / self.matches.len().max(1) as f64
     }
 
     /// Evidence that the two pictures of a pair are exchanged, if it is significant.
@@ -361,11 +427,22 @@ fn fits(
     place: DVec2,
 ) -> bool {
     let rays = (from, ray(second, place));
-    lies(second_from_first, rays, NEAR / second.fx)
+    lies(second_from_first, rays, NEAR * pixel(second))
+}
+
+/// Size of a pixel at z = 1, in the direction in which it is smaller.
+fn pixel(camera: &Intrinsics) -> f64 {
+    1.0 / camera.fx.max(camera.fy)
 }
 
 /// True if two rays, one of each view, meet up to a distance `near`, measured at z = 1 of the second view.
-fn lies(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f64) -> bool {
+fn lies(second_from_first: &RigidTransform, rays: (DVec3, DVec3), near: f64) -> bool {
+    miss(second_from_first, rays, near) < near
+}
+
+/// Distance by which two rays, one of each view, miss each other, measured at z = 1 of the second view. 0 for rays that
+/// are parallel up to `near`, and infinite for rays that meet behind a camera.
+fn miss(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f64) -> f64 {
     let (turned, t) = (
         second_from_first.rotation * from,
         second_from_first.translation,
@@ -375,12 +452,15 @@ fn lies(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f6
     let parallax = to.cross(turned);
     // Without parallax, accept the match: either the point is far away or the cameras are at the same position.
     let far = turned.z > 0.0 && parallax.length() < near * turned.length() * to.length();
-    if far || slope < 1e-12 {
-        return far;
+    if far {
+        return 0.0;
     }
     let depth = -to.cross(t).dot(parallax) / parallax.length_squared();
     let there = (turned * depth + t).z;
-    line.dot(to).abs() / slope < near && depth > 0.0 && there > 0.0
+    match slope >= 1e-12 && depth > 0.0 && there > 0.0 {
+        true => line.dot(to).abs() / slope,
+        false => f64::INFINITY,
+    }
 }
 
 /// In each cell, the pixel with the strongest corner: the smaller of its horizontal and vertical variation is largest.
@@ -480,6 +560,8 @@ mod tests {
     use crate::check::tests::views;
     use crate::check::{QUICK, THOROUGH};
 
+    use glam::DMat3;
+
     const SIZE: (u32, u32) = (256, 192);
 
     #[test]
@@ -488,7 +570,7 @@ mod tests {
             let right = views(seed, SIZE);
             for effort in [QUICK, THOROUGH] {
                 let matches = Matches::new(&right, effort);
-                assert_eq!(matches.contradiction(), None, "{seed}");
+                assert_eq!(matches.contradiction(Units::default()), None, "{seed}");
                 let explained = matches.explained(|pose| *pose, &Some);
                 assert!(
                     explained.len() > LEAST_MATCHES && share(&explained) > 0.6,
@@ -519,7 +601,7 @@ mod tests {
                 let mut wrong = right.clone();
                 spoil(&mut wrong);
                 let matches = Matches::new(&wrong, THOROUGH);
-                let found = matches.contradiction();
+                let found = matches.contradiction(Units::default());
                 assert!(
                     found.as_ref().is_some_and(|f| f.contains(named)),
                     "{seed} {named}: {found:?} {}",
@@ -529,11 +611,80 @@ mod tests {
         }
     }
 
+    /// Matches of views whose camera moves sideways or, if `forward`, ahead, and turns by `turn` from view to view.
+    fn moving(views: &mut [View], turn: f64, forward: bool) -> Vec<(usize, DVec2, DVec2)> {
+        for (i, view) in views.iter_mut().enumerate() {
+            let at = i as f64;
+            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+            view.camera_from_world = RigidTransform {
+                rotation: DMat3::from_rotation_x(turn * sign) * DMat3::from_rotation_y(turn * at),
+                translation: match forward {
+                    true => DVec3::new(0.0, 0.0, -0.2 * at),
+                    false => DVec3::new(0.2 * at, 0.1 * sign, 0.0),
+                },
+            };
+        }
+        let random =
+            |seed: usize| f64::from((seed as u32).wrapping_mul(2_654_435_761) >> 8) / 16_777_216.0;
+        let all = (0..views.len() - 1).flat_map(|i| (0..60).map(move |k| (i, 180 * i + 3 * k)));
+        let all = all.filter_map(|(i, seed)| {
+            let (view, next) = (&views[i], &views[i + 1]);
+            let size = DVec2::new(view.intrinsics.width.into(), view.intrinsics.height.into());
+            let from = size * DVec2::new(random(seed), random(seed + 1));
+            let point = view
+                .intrinsics
+                .unproject(from, 2.0 + 4.0 * random(seed + 2));
+            let point = next
+                .camera_from_world
+                .after(&view.camera_from_world.inverse())
+                .apply(point);
+            let to = next.intrinsics.project(point)?;
+            next.intrinsics.contains(to).then_some((i, from, to))
+        });
+        all.collect()
+    }
+
+    #[test]
+    fn focal_lengths_are_named_where_features_tell_them() {
+        let mut views = views(0, SIZE);
+        let matches = moving(&mut views, 0.12, false);
+        let read = |matches: &[(usize, DVec2, DVec2)], views: &[View], times: DVec2| {
+            let cameras = views.iter().map(|view| view.intrinsics).enumerate();
+            let right = Matches {
+                views,
+                cameras: cameras.collect(),
+                matches: matches.to_vec(),
+            };
+            let wrong = right.with_focals(|_| times);
+            (wrong.contradiction(Units::default()), wrong.note())
+        };
+        let (said, note) = read(&matches, &views, DVec2::ONE);
+        assert!(said.is_none() && note.ends_with("lines"), "{said:?} {note}");
+        for which in Focal::ALL {
+            for factor in [0.5, 0.75, 1.25, 2.0] {
+                let (said, _) = read(&matches, &views, which.times(factor));
+                let name = ["the focal length", "fx", "fy"][which as usize];
+                let part = format!("{name} should be {} times", advice::number(1.0 / factor));
+                assert!(
+                    said.as_ref().is_some_and(|said| said.contains(&part)),
+                    "{part}: {said:?}"
+                );
+            }
+        }
+        // Straight ahead, every focal length fits.
+        let matches = moving(&mut views, 0.0, true);
+        let (said, note) = read(&matches, &views, DVec2::splat(1.5));
+        assert!(
+            said.is_none() && note.ends_with("cannot be judged"),
+            "{said:?} {note}"
+        );
+    }
+
     #[test]
     fn pictures_without_features_say_nothing() {
         let views = &views(0, SIZE)[..1];
         let matches = Matches::new(views, THOROUGH);
-        assert_eq!(matches.contradiction(), None);
+        assert_eq!(matches.contradiction(Units::default()), None);
         assert!(
             matches
                 .note()

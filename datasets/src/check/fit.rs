@@ -44,13 +44,13 @@ const FINE_SAMPLES: usize = 800;
 
 impl Neighbours<'_> {
     /// The interpretation that explains the views best, if significantly better than the dataset reader's own.
-    pub(super) fn better(&self) -> Option<Better> {
+    pub(super) fn better(&self, units: Units) -> Option<Better> {
         let as_read = self.explained(&Reading::AS_READ, self.stride);
         let mut all: Vec<(Change, Vec<Explained>)> = Vec::new();
         let mut fitted = |reading: &Reading, change: Change| {
             all.push((change, self.explained(reading, self.stride)));
         };
-        for convention in alternatives() {
+        for convention in alternatives(units.are_matrices) {
             let reading = Reading {
                 take: convention.take,
                 ..Reading::AS_READ
@@ -70,7 +70,7 @@ impl Neighbours<'_> {
                 fitted(&with(scale), Change::Scale(scale));
             }
         }
-        for which in [Focal::Both, Focal::X, Focal::Y] {
+        for which in Focal::ALL {
             let with = |factor: f64| Reading {
                 focal: [which.times(factor); 2],
                 ..Reading::AS_READ
@@ -151,7 +151,8 @@ impl Neighbours<'_> {
             .some_views()
             .into_iter()
             .chain(self.elsewhere(&as_read))
-            .chain(is_poor.then(|| self.z_buffer()));
+            .chain(is_poor.then(|| self.z_buffer()))
+            .chain(is_poor.then(|| self.between_planes()));
         let complex = complex.filter(is_candidate).min_by(by_loss);
         let complex = complex.filter(|(_, complex)| {
             let simple = simple.as_ref();
@@ -179,7 +180,7 @@ impl Neighbours<'_> {
             true => ONE_ROTATION.to_owned(),
             false => text + rounded.as_deref().unwrap_or_default(),
         };
-        match self.better() {
+        match self.better(units) {
             Some(better) => {
                 let evidence = advice::evidence(&better.as_read, &better.explained);
                 let is_doubtful = better.is_slight
@@ -214,6 +215,30 @@ impl Neighbours<'_> {
             }
             _ => after <= WELL || after <= MUCH_LESS * before && after <= UNRELATED,
         }
+    }
+
+    /// Tries depth normalised between two distances: with an offset, in another unit.
+    fn between_planes(&self) -> (Change, Vec<Explained>) {
+        let median_m = self.median_depth();
+        let short = |factor: f64| (factor - 1.0) * median_m;
+        // Of an offset that makes the median this many times as large; `scale` is that without an offset.
+        let with = |scale: f64, factor: f64| Reading {
+            scale: scale * factor,
+            depth: DepthIs::Short(short(factor)),
+            ..Reading::AS_READ
+        };
+        let mut scale = self.fit(50, 10_f64.powf(0.1), &|scale| with(scale, 1.0));
+        let mut factor = 1.0;
+        for _ in 0..2 {
+            factor = self.fit(20, 1.05, &|factor| with(scale, factor));
+            scale *= self.fit(10, 1.03, &|times| with(scale * times, factor));
+        }
+        let (reading, by) = (with(scale, factor), short(factor));
+        let change = Change::Planes {
+            scale: reading.scale,
+            by,
+        };
+        (change, self.explained(&reading, self.stride))
     }
 
     /// Tries exchanging the focal lengths of two kinds of views.
@@ -311,7 +336,9 @@ mod tests {
 
     fn better(views: &[View], effort: Effort) -> Option<Change> {
         let neighbours = Neighbours::new(views, effort).unwrap();
-        neighbours.better().map(|better| better.change)
+        neighbours
+            .better(Units::default())
+            .map(|better| better.change)
     }
 
     #[test]

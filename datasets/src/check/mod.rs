@@ -241,7 +241,10 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             contradiction.or_else(|| {
                 let is_suspicious = effort.thorough || neighbours.is_poorly_explained();
                 let matches = is_suspicious.then(|| Matches::new(&scene.views, effort))?;
-                let named = effort.thorough.then(|| matches.contradiction()).flatten();
+                let named = effort
+                    .thorough
+                    .then(|| matches.contradiction(units))
+                    .flatten();
                 named.or_else(|| floor(&matches, Some(neighbours)))
             })
         }
@@ -250,7 +253,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
         (_, None) => {
             let matches = Matches::new(&scene.views, effort);
             note = Some(matches.note());
-            let named = plausible::one_pose(&scene.views).or_else(|| matches.contradiction());
+            let named = plausible::one_pose(&scene.views).or_else(|| matches.contradiction(units));
             named.or_else(|| floor(&matches, None))
         }
     });

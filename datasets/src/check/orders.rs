@@ -7,7 +7,7 @@ use sharp::camera::RigidTransform;
 
 use super::Effort;
 use super::change::{Change, Moves};
-use super::compare::{LEAST_GAIN, fits_well, mean_loss};
+use super::compare::{LEAST_GAIN, fits_well, is_suspicious, mean_loss};
 use super::explained::{Explained, Reading};
 use super::neighbours::{MOST_ALL, Neighbours};
 use super::small_view::{Sample, SmallView};
@@ -101,6 +101,21 @@ pub(super) fn orders(
     orders
 }
 
+/// Assignments of the kept pictures to all poses if only every second or third picture was kept, like [`orders`].
+pub(super) fn thinned(views: &[View], noun: &str) -> Vec<(String, Assignment, usize)> {
+    let strides = [(2, "second"), (3, "third")].into_iter();
+    let strides = strides.filter(|(stride, _)| views.len() >= LEAST_VIEWS.max(2 * stride));
+    let all = strides.map(|(stride, which)| {
+        let text = format!(
+            "from the first on, every picture fits every {which} {noun}, as if every {which} picture had been kept, but \
+             every {noun}"
+        );
+        let of: Assignment = Box::new(move |i| Some(stride * i));
+        (text, of, 1)
+    });
+    all.collect()
+}
+
 /// True if no picture has two poses and no pose two pictures. Each pair is a picture and its pose.
 pub(super) fn is_one_to_one(assigned: &[(usize, usize)]) -> bool {
     assigned.iter().all(|one| {
@@ -117,8 +132,8 @@ impl Neighbours<'_> {
         for &moves in self.moves() {
             let exchanged = self.exchanges();
             for (text, of, least_pairs) in orders(self.views, &starts, &exchanged, moves.noun()) {
-                let explained = self.in_order(as_read, &*of, moves);
                 // Pictures that would have no pose are left unchanged.
+                let explained = self.in_order(as_read, &*of, moves);
                 let given = explained.iter().filter(|one| one.is_some()).count();
                 let all = explained.into_iter().zip(as_read);
                 let all: Vec<Explained> = all.map(|(one, read)| one.unwrap_or(*read)).collect();
@@ -128,6 +143,17 @@ impl Neighbours<'_> {
                 let improved = all.iter().zip(as_read).filter(is_less).count();
                 if 2 * given >= all.len() && improved >= 2 * least_pairs {
                     measured.push((Change::Order(text, moves), all));
+                }
+            }
+            for (text, of, _) in thinned(self.views, moves.noun()) {
+                let explained = self.in_order(as_read, &*of, moves);
+                // Pictures beyond the last pose are left out; they must not fit their own poses.
+                let fits = |(one, read): (&Option<Explained>, &Explained)| {
+                    one.is_none() && !is_suspicious(&[*read])
+                };
+                if !explained.iter().zip(as_read).any(fits) {
+                    let all = explained.into_iter().map(Option::unwrap_or_default);
+                    measured.push((Change::Order(text, moves), all.collect()));
                 }
             }
         }

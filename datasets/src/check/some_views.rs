@@ -1,8 +1,10 @@
 //! Detection of views whose focal length, depth or pose unit differs from that of the others by a common factor.
 
+use std::collections::BTreeMap;
+
 use super::advice::{evidence, number};
 use super::change::{Change, Focal};
-use super::compare::{forward, landed, mean_loss};
+use super::compare::{LEAST_GAIN_OF_VIEWS, forward, landed, mean_loss};
 use super::explained::{Explained, Reading};
 use super::neighbours::Neighbours;
 use super::search::{is_worth_a_word, least};
@@ -29,6 +31,8 @@ const QUANTITIES: [Quantity; 3] = [
     }),
 ];
 
+/// Maximum loss of other views with the inverse factor, as a multiple of the least loss, if they are named, too.
+const AS_GOOD: f64 = 1.1;
 /// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;
 
@@ -40,44 +44,81 @@ impl Neighbours<'_> {
     /// The factors that explain the views best, and the views that they apply to; each with its effect on the
     /// projections.
     pub(super) fn some_views(&self) -> Vec<(Change, Vec<Explained>)> {
+        let found = QUANTITIES
+            .iter()
+            .filter_map(|quantity| self.factor(quantity));
+        found.collect()
+    }
+
+    /// The factor of a quantity that explains the views best.
+    fn factor(&self, quantity: &Quantity) -> Option<(Change, Vec<Explained>)> {
+        let (what, (steps, step), with) = quantity;
         let rough = self.stride_of(SAMPLES);
         let as_read = [rough, self.stride].map(|at| self.explained(&Reading::AS_READ, at));
         let least_landed = 3 * landed(&as_read[0]) / 10;
-        let found = QUANTITIES.iter().filter_map(|(what, (steps, step), with)| {
-            let chosen = |factor: f64, as_read: &[Explained], stride: usize| {
-                let factors = [[factor, 1.0], [1.0, factor], [factor, factor]];
-                let [first, second, both] =
-                    factors.map(|factors| self.explained(&with(factors), stride));
-                self.best_choice([as_read, &first, &second, &both])
-            };
-            let factor = least(*steps, *step, &|factor, _| {
-                let (_, explained) = chosen(factor, &as_read[0], rough);
-                match landed(&explained) < least_landed {
-                    true => 1.0,
-                    false => mean_loss(&explained),
-                }
-            });
-            let (views, explained) = chosen(factor, &as_read[1], self.stride);
-            let is_some = is_worth_a_word(factor) && !views.is_empty();
-            is_some.then(|| {
-                let ids: Vec<&str> = views.iter().map(|i| self.views[*i].id.as_str()).collect();
-                let its = if ids.len() == 1 { "its" } else { "their" };
-                let said = evidence(&forward(&as_read[1]), &forward(&explained));
-                let (ids, times) = (ids.join(", "), number(factor));
-                // If no projection connects these views with others, a factor of depth is equivalent to the inverse
-                // factor of poses.
-                let has = |view: &usize| views.contains(view);
-                let or = match self.carries.iter().all(|(a, b)| has(a) == has(b)) {
-                    true if *what == DEPTH => {
-                        format!(" (or {its} {TRANSLATION} times {})", number(1.0 / factor))
-                    }
-                    _ => String::new(),
-                };
-                let sentence = format!("{ids}: {its} {what} times {times} fits{or}: {said}");
-                (Change::Views(sentence), explained)
-            })
+        let chosen = |factor: f64, as_read: &[Explained], stride: usize| {
+            let factors = [[factor, 1.0], [1.0, factor], [factor, factor]];
+            let [first, second, both] =
+                factors.map(|factors| self.explained(&with(factors), stride));
+            self.best_choice([as_read, &first, &second, &both])
+        };
+        let factor = least(*steps, *step, &|factor, _| {
+            let (_, explained) = chosen(factor, &as_read[0], rough);
+            match landed(&explained) < least_landed {
+                true => 1.0,
+                false => mean_loss(&explained),
+            }
         });
-        found.collect()
+        let (views, explained) = chosen(factor, &as_read[1], self.stride);
+        if !is_worth_a_word(factor) || views.is_empty() {
+            return None;
+        }
+        let (others, otherwise) = chosen(1.0 / factor, &as_read[1], self.stride);
+        let is_open = mean_loss(&otherwise) <= AS_GOOD * mean_loss(&explained);
+        let is_gain = mean_loss(&explained) <= (1.0 - LEAST_GAIN_OF_VIEWS) * mean_loss(&as_read[1]);
+        if is_open
+            && is_gain
+            && let Some(wider) = self.wider()
+            && let Some((change, explained)) = wider.factor(quantity)
+        {
+            let own = wider.carries.iter().zip(explained);
+            let own = own.filter(|(carry, _)| self.carries.contains(carry));
+            return Some((change, own.map(|(_, one)| one).collect()));
+        }
+        let ids = |views: &[usize]| -> String {
+            let ids: Vec<&str> = views.iter().map(|i| self.views[*i].id.as_str()).collect();
+            ids.join(", ")
+        };
+        let its = if views.len() == 1 { "its" } else { "their" };
+        let said = evidence(&forward(&as_read[1]), &forward(&explained));
+        let [times, inverse] = [factor, 1.0 / factor].map(number);
+        // If no projection connects these views with others, a factor of depth is equivalent to the inverse factor of
+        // poses.
+        let has = |view: &usize| views.contains(view);
+        let or = match self.carries.iter().all(|(a, b)| has(a) == has(b)) {
+            true if *what == DEPTH => format!(" (or {its} {TRANSLATION} times {inverse})"),
+            false if is_open => format!(" (or that of {} times {inverse})", ids(&others)),
+            _ => String::new(),
+        };
+        let ids = ids(&views);
+        let sentence = format!("{ids}: {its} {what} times {times} fits{or}: {said}");
+        Some((Change::Views(sentence), explained))
+    }
+
+    /// These views and those around them, with every pair of neighbours; `None` if there are no others.
+    fn wider(&self) -> Option<Self> {
+        let around = self.around.iter().filter(|(_, view)| view.has_depth());
+        let around = around.map(|(i, view)| (*i, (view.clone(), view.samples().collect())));
+        let mut small = self.small.clone();
+        small.extend(around);
+        let pairs = small.keys().filter(|i| small.contains_key(&(*i + 1)));
+        let carries: Vec<_> = pairs.flat_map(|i| [(*i, i + 1), (i + 1, *i)]).collect();
+        (!self.thorough && small.len() > self.small.len()).then_some(Self {
+            small,
+            carries,
+            around: BTreeMap::new(),
+            ..*self
+        })
     }
 
     /// The views, at least one and at most half of them, to which applying the factor explains the projections best.

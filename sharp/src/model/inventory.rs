@@ -1,7 +1,7 @@
 //! List of a network's parameters, and checks of a checkpoint against it.
 
 use std::cell::RefCell;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use sharp_checkpoint::{Checkpoint, Expected};
@@ -126,13 +126,14 @@ impl CheckpointSource {
         self.check_for(parameters, &[String::new()])
     }
 
-    /// A sentence about weights that end in zeros, as in a file that was written or copied only in part; `None` if there
-    /// are none. Layers that are zero before training do not count.
+    /// A sentence about weights that end in zeros, as in a file that was written or copied only in part, or that are
+    /// equal in several layers; `None` if there are none. Layers that are zero before training do not count.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`].
-    pub fn zero_tails(&self) -> Result<Option<String>, ModelError> {
+    pub fn implausible_weights(&self) -> Result<Option<String>, ModelError> {
         let (mut count, mut first) = (0, None);
+        let (mut known, mut repeated) = (BTreeMap::new(), Vec::new());
         for name in self.file.names() {
             let is_kernel = self.file.shape(name)?.len() >= 2;
             if !is_kernel || ZERO_BEFORE_TRAINING.iter().any(|part| name.contains(part)) {
@@ -149,14 +150,33 @@ impl CheckpointSource {
                 count += 1;
                 first.get_or_insert((name, share));
             }
+            // Layers of one kind have the same name apart from their numbers.
+            let is_number = |part: &&str| part.parse::<usize>().is_ok();
+            let kind: Vec<&str> = name.split('.').filter(|part| !is_number(part)).collect();
+            let sample = values.iter().step_by((values.len() / SAMPLED).max(1));
+            let sample: Vec<u32> = sample.map(|value| value.to_bits()).collect();
+            if sample.iter().any(|value| *value != sample[0]) {
+                let other = *known.entry((kind, sample)).or_insert(name);
+                if other != name {
+                    repeated.push((name, other));
+                }
+            }
         }
-        Ok(first.map(|(name, share)| {
+        let repeated = repeated.first().map(|(name, other)| {
+            format!(
+                "{} of its weight tensors are equal to those of another layer (first {name} to {other}), which training \
+                 does not produce: were the tensors of one layer written in place of others'? Convert it again",
+                repeated.len()
+            )
+        });
+        let zeros = first.map(|(name, share)| {
             format!(
                 "{count} of its weight tensors end in zeros (first {name}, of which {:.0} % are missing), which training \
                  does not produce: the file was probably written or copied only in part; get it again",
                 100.0 * share
             )
-        }))
+        });
+        Ok(zeros.or(repeated))
     }
 
     /// Checks that the file contains each of these parameters that is used, and no other tensor; see [`Self::check`].
@@ -196,6 +216,8 @@ impl CheckpointSource {
 
 /// Parts of names of layers that are zero before training.
 pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_estimator.conv_out."];
+/// Minimum number of values by which larger tensors are compared.
+const SAMPLED: usize = 256;
 /// Minimum share of zeros at the end of a tensor that are taken for missing values.
 const LEAST_ZERO_TAIL: f64 = 0.1;
 
@@ -301,31 +323,41 @@ mod tests {
         }
     }
 
+    /// What is said of the official weights, changed by name.
+    fn told_of(change: impl Fn(&str, &mut Vec<f32>)) -> Option<String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("changed.safetensors");
+        let parameters = inventory(&tiny()).unwrap();
+        let tensors = parameters.into_iter().map(|p| sharp_checkpoint::OutTensor {
+            name: p.name,
+            dtype: sharp_checkpoint::DType::F32,
+            shape: p.shape,
+        });
+        let tensors: Vec<_> = tensors.collect();
+        let official = official_tiny();
+        let values = |tensor: &sharp_checkpoint::OutTensor| {
+            let mut values = official.file.tensor_f32(&tensor.name)?;
+            change(&tensor.name, &mut values);
+            let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            Ok(bytes.into())
+        };
+        sharp_checkpoint::write_safetensors(&path, &BTreeMap::new(), &tensors, values).unwrap();
+        CheckpointSource::open(&path)
+            .unwrap()
+            .implausible_weights()
+            .unwrap()
+    }
+
     #[test]
     fn weights_that_end_in_zeros_are_told_and_untrained_heads_are_not() {
-        assert_eq!(official_tiny().zero_tails().unwrap(), None);
-        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(official_tiny().implausible_weights().unwrap(), None);
         let with_zeros = |part: &str, share: f64| {
-            let path = folder.path().join("zeros.safetensors");
-            let parameters = inventory(&tiny()).unwrap();
-            let tensors = parameters.into_iter().map(|p| sharp_checkpoint::OutTensor {
-                name: p.name,
-                dtype: sharp_checkpoint::DType::F32,
-                shape: p.shape,
-            });
-            let tensors: Vec<_> = tensors.collect();
-            let official = official_tiny();
-            let values = |tensor: &sharp_checkpoint::OutTensor| {
-                let mut values = official.file.tensor_f32(&tensor.name)?;
-                if tensor.name.contains(part) {
+            told_of(|name, values| {
+                if name.contains(part) {
                     let kept = (values.len() as f64 * (1.0 - share)) as usize;
                     values[kept..].fill(0.0);
                 }
-                let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-                Ok(bytes.into())
-            };
-            sharp_checkpoint::write_safetensors(&path, &BTreeMap::new(), &tensors, values).unwrap();
-            CheckpointSource::open(&path).unwrap().zero_tails().unwrap()
+            })
         };
         for part in [
             "prediction_head.",
@@ -339,6 +371,20 @@ mod tests {
         assert!(
             text.starts_with("1 of its weight tensors")
                 && text.contains("proj.weight, of which 50 %"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn layers_with_the_weights_of_another_are_told() {
+        let official = official_tiny();
+        let text = told_of(|name, values| {
+            let first = name.replace("blocks.1.", "blocks.0.");
+            *values = official.file.tensor_f32(&first).unwrap();
+        });
+        let text = text.unwrap();
+        assert!(
+            text.contains("blocks.1.") && text.contains("equal to those of another layer"),
             "{text}"
         );
     }

@@ -74,9 +74,9 @@ pub(super) fn execute(
         .any(|name| name.starts_with("monodepth_model"));
     if looks_like_sharp || config.is_some() {
         let source = CheckpointSource::open(file)?;
-        let zeros = source.zero_tails()?.filter(|_| looks_like_sharp);
-        if let Some(zeros) = &zeros {
-            output::remark(format!("warning: {}: {zeros}", file.display()));
+        let implausible = source.implausible_weights()?.filter(|_| looks_like_sharp);
+        if let Some(implausible) = &implausible {
+            output::remark(format!("warning: {}: {implausible}", file.display()));
         }
         let (name, network) = match config {
             Some(name) => (name.to_owned(), load_config(name)?),
@@ -84,7 +84,7 @@ pub(super) fn execute(
             None => {
                 let found = named_network(Some(file), None)?;
                 let notes = found.notes.iter();
-                for note in notes.filter(|note| Some(*note) != zeros.as_ref()) {
+                for note in notes.filter(|note| Some(*note) != implausible.as_ref()) {
                     output::remark(format!("note: {note}"));
                 }
                 (found.config.preset.clone(), found.config)

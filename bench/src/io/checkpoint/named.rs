@@ -80,7 +80,7 @@ pub fn named_network(
         (None, config) => {
             let found = find_checkpoint()?;
             let config = config.map_or_else(|| Ok(ModelConfig::release()), ModelConfig::load)?;
-            let notes = CheckpointSource::open(&found)?.zero_tails()?;
+            let notes = CheckpointSource::open(&found)?.implausible_weights()?;
             return Ok(NetworkSpec {
                 config,
                 notes: notes.into_iter().collect(),
@@ -123,7 +123,7 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     notes.extend(source.left_out().map(|prefix| {
         format!("all names in the checkpoint have the prefix `{prefix}`, which is ignored")
     }));
-    notes.extend(source.zero_tails()?);
+    notes.extend(source.implausible_weights()?);
     let release = ModelConfig::release();
     let own = ModelConfig::all_of(&file.with_extension("json"));
     let config = match config {

@@ -1096,3 +1096,65 @@ fn focal_lengths_that_depth_does_not_tell_are_named() {
         );
     }
 }
+
+/// Of a pair whose views differ in focal length, a quick look names both unless the views around them tell which is
+/// wrong.
+#[test]
+fn a_quick_look_blames_no_view_of_an_undecided_pair() {
+    let mut wrong = views(0, SIZE);
+    wrong[5..].iter_mut().for_each(|view| zoom(view, 1.0 / 1.3));
+    let said = super::found(&wrong, QUICK);
+    assert!(
+        said.len() == 1 && said[0].starts_with("view_05") && !said[0].contains("view_04"),
+        "{said:?}"
+    );
+    let said = super::found(&wrong[4..6], QUICK);
+    assert!(said.len() == 1 && said[0].contains("view_05"), "{said:?}");
+}
+
+#[test]
+fn thinned_pictures_are_named() {
+    for (stride, which) in [(2, "second"), (3, "third")] {
+        let all = views_of(SyntheticOptions {
+            width: 192,
+            height: 144,
+            views: 10 * stride,
+            samples: 1,
+            ..SyntheticOptions::default()
+        });
+        let mut thinned: Vec<View> = all.iter().step_by(stride).cloned().collect();
+        for (view, other) in thinned.iter_mut().zip(&all) {
+            view.camera_from_world = other.camera_from_world;
+        }
+        for has_depth in [true, false] {
+            if !has_depth {
+                change(&mut thinned, |content| content.depth = None);
+            }
+            // Without depth, few pairs have too few features.
+            for effort in [THOROUGH, QUICK]
+                .into_iter()
+                .take(1 + usize::from(has_depth))
+            {
+                let said = super::found(&thinned, effort);
+                let cause = format!("as if every {which} picture had been kept");
+                assert!(
+                    said.len() == 1 && said[0].contains(&cause),
+                    "{effort:?} {has_depth}: {said:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn depth_between_two_planes_is_named() {
+    for effort in [THOROUGH, QUICK] {
+        let mut wrong = views(0, SIZE);
+        change(&mut wrong, |content| content.each(|z| 9.0 * (z - 0.5)));
+        let said = super::found(&wrong, effort);
+        assert!(
+            said.len() == 1 && said[0].contains("normalised between a near and a far"),
+            "{effort:?}: {said:?}"
+        );
+    }
+}

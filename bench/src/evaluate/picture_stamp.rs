@@ -1,0 +1,148 @@
+//! Detects content that all pictures have in common although their targets do not, such as captions and watermarks.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use image::RgbImage;
+use image::imageops::thumbnail;
+
+use super::record::{Record, Status};
+
+/// Number of cells across and down.
+const GRID: [u32; 2] = [40, 30];
+/// Minimum difference between a picture and its target in a cell with foreign content, levels.
+const WRONG: u8 = 12;
+/// Maximum difference of equal content from its median, levels.
+const EQUAL: u8 = 3;
+/// Minimum number of targets and of sources of the pictures compared: predictions from one source may be alike.
+const FEWEST: [usize; 2] = [4, 3];
+/// Share of the pictures that must have the content.
+const AGREEING: f64 = 0.8;
+/// Minimum number of cells, and maximum share: pictures that are wrong everywhere have another cause.
+const CELLS: (usize, f64) = (6, 0.5);
+/// Minimum contrast of the content, levels: holes and backgrounds have one colour.
+const CONTRAST: u8 = 24;
+
+/// Cells in which a picture differs from its target, with their mean levels in the picture.
+pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<(u16, u8)> {
+    let levels = |of: &RgbImage| -> Vec<u8> {
+        let cells = thumbnail(of, GRID[0], GRID[1]);
+        let means = cells.pixels().map(|pixel| pixel.0.map(u16::from));
+        means.map(|[r, g, b]| ((r + g + b) / 3) as u8).collect()
+    };
+    let both = levels(picture).into_iter().zip(levels(target));
+    let wrong = (0..)
+        .zip(both)
+        .filter(|(_, (own, seen))| own.abs_diff(*seen) >= WRONG);
+    wrong.map(|(cell, (own, _))| (cell, own)).collect()
+}
+
+/// A sentence for each dataset whose pictures have the same content somewhere.
+pub(super) fn stamped_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
+    let mut by_dataset: BTreeMap<&str, Vec<(&Record, &[(u16, u8)])>> = BTreeMap::new();
+    for record in records.filter(|record| record.status == Status::Ok) {
+        if let Some(cells) = &record.wrong_cells {
+            let of_dataset = by_dataset.entry(&record.dataset).or_default();
+            of_dataset.push((record, cells));
+        }
+    }
+    let told = by_dataset.into_iter();
+    told.filter_map(|(dataset, pictures)| stamp(dataset, &pictures))
+        .collect()
+}
+
+fn stamp(dataset: &str, pictures: &[(&Record, &[(u16, u8)])]) -> Option<String> {
+    let views = |of: fn(&Record) -> &String| {
+        let names = pictures
+            .iter()
+            .map(|(record, _)| (&record.scene, of(record)));
+        names.collect::<BTreeSet<_>>().len()
+    };
+    if views(|record| &record.target) < FEWEST[0] || views(|record| &record.source) < FEWEST[1] {
+        return None;
+    }
+    let all = pictures.len();
+    let mut levels: BTreeMap<u16, Vec<u8>> = BTreeMap::new();
+    for (cell, level) in pictures.iter().flat_map(|(_, cells)| *cells) {
+        levels.entry(*cell).or_default().push(*level);
+    }
+    let stamped = levels.into_iter().filter_map(|(cell, mut levels)| {
+        levels.sort_unstable();
+        let median = levels[levels.len() / 2];
+        let equal = levels
+            .iter()
+            .filter(|level| level.abs_diff(median) <= EQUAL);
+        (equal.count() as f64 >= AGREEING * all as f64).then_some((u32::from(cell), median))
+    });
+    let stamped: Vec<(u32, u8)> = stamped.collect();
+    let of_levels = stamped.iter().map(|(_, level)| *level);
+    let contrast = of_levels.clone().max()? - of_levels.min()?;
+    let share = stamped.len() as f64 / f64::from(GRID[0] * GRID[1]);
+    if stamped.len() < CELLS.0 || share > CELLS.1 || contrast < CONTRAST {
+        return None;
+    }
+    let [across, down] = [0, 1].map(|axis| {
+        let at = |(cell, _): &(u32, u8)| [cell % GRID[0], cell / GRID[0]][axis];
+        let percent = |cells: u32| 100 * cells / GRID[axis];
+        let first = stamped.iter().map(at).min().unwrap_or_default();
+        let last = stamped.iter().map(at).max().unwrap_or_default();
+        format!("{} to {} %", percent(first), percent(last + 1))
+    });
+    Some(format!(
+        "its pictures have something in common that their targets do not, as captions, logos and watermarks leave: \
+         about {:.0} % of their area, at {across} of the width and {down} of the height, is the same in nearly all of \
+         the {all} compared of {dataset}; store the pictures without it",
+        100.0 * share
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+
+    use super::super::record::tests::record;
+    use super::*;
+
+    /// The warning about eight predictions, altered by `change`.
+    fn told(change: impl Fn(u32, u32, u8) -> u8) -> Vec<String> {
+        let wave = |view: u32, x: u32, y: u32| {
+            let (u, v) = (f64::from(x) / 23.0, f64::from(y) / 31.0);
+            (128.0 + 100.0 * (u + f64::from(view * 9)).sin() * (v + f64::from(view * 5)).cos())
+                as u8
+        };
+        let records: Vec<Record> =
+            (0..8)
+                .map(|view| {
+                    let target = RgbImage::from_fn(160, 120, |x, y| Rgb([wave(view, x, y); 3]));
+                    let picture = RgbImage::from_fn(160, 120, |x, y| {
+                        Rgb([change(x, y, wave(view, x + 3, y)); 3])
+                    });
+                    Record {
+                        source: format!("source {view}"),
+                        target: format!("target {view}"),
+                        wrong_cells: Some(wrong_cells(&target, &picture)),
+                        ..record()
+                    }
+                })
+                .collect();
+        stamped_pictures(records.iter())
+    }
+
+    #[test]
+    fn captions_are_told_and_holes_are_not() {
+        let is_box = |x: u32, y: u32| (8..88).contains(&x) && (4..20).contains(&y);
+        let caption = |x: u32, y: u32, level: u8| match is_box(x, y) {
+            true => [0, 200][usize::from((x / 8) % 3 == 0)],
+            false => level,
+        };
+        let said = told(caption);
+        assert!(
+            said.len() == 1
+                && said[0].contains("at 5 to 55 % of the width and 3 to 16 % of the height"),
+            "{said:?}"
+        );
+        assert_eq!(told(|_, _, level| level), [""; 0]);
+        // Holes, and pictures without content.
+        assert_eq!(told(|x, _, level| if x > 130 { 0 } else { level }), [""; 0]);
+        assert_eq!(told(|x, y, _| (x + y) as u8), [""; 0]);
+    }
+}
