@@ -21,7 +21,10 @@ fn main() -> io::Result<()> {
     // A crate from a registry is not in a workspace and has its own lock file.
     let packaged = bench.join("Cargo.lock").is_file();
     let mut files = BTreeMap::new();
-    let mut folders: Vec<&str> = GROUPS.iter().flat_map(|group| group.sources()).collect();
+    let mut folders: Vec<&str> = GROUPS
+        .iter()
+        .flat_map(|group| group.sources.clone())
+        .collect();
     folders.sort_unstable();
     folders.dedup();
     for folder in folders {
@@ -33,7 +36,7 @@ fn main() -> io::Result<()> {
         println!("cargo::rerun-if-changed={}", path.display());
         if !path.exists() {
             let reason =
-                format!("{folder}: no such file or folder, named in bench/build/fingerprint.rs");
+                format!("{folder}: no such file or folder, named in bench/build/groups.txt");
             return Err(io::Error::other(reason));
         }
         collect(folder, &path, &mut files)?;
@@ -51,7 +54,7 @@ fn main() -> io::Result<()> {
     );
     let code = Code::new(files, &lock, compiler, packaged);
     let mut all = String::new();
-    for group in &GROUPS {
+    for group in GROUPS.iter() {
         let fingerprint = code.fingerprint(group);
         all += &fingerprint;
         println!("cargo::rustc-env=SHARP_BENCH_{}={fingerprint}", group.name);

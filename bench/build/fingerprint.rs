@@ -2,6 +2,7 @@
 //! library's tests.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::LazyLock;
 
 use sha2::{Digest, Sha256};
 
@@ -9,197 +10,37 @@ use sha2::{Digest, Sha256};
 pub(crate) struct SourceGroup {
     /// Name of the group; the build exports the fingerprint as environment variable `SHARP_BENCH_<name>`.
     pub(crate) name: &'static str,
-    /// Workspace-relative files and folders that belong to this group.
-    own: &'static [&'static str],
-    /// Lists of files and folders shared by several groups.
-    shared: &'static [&'static [&'static str]],
+    /// Workspace-relative files and folders.
+    pub(crate) sources: Vec<&'static str>,
     /// Dependencies that affect results; their transitive dependencies are included.
-    crates: &'static [&'static str],
+    crates: Vec<&'static str>,
 }
 
-impl SourceGroup {
-    /// All workspace-relative files and folders of the group, own and shared.
-    pub(crate) fn sources(&self) -> impl Iterator<Item = &'static str> {
-        let shared = self.shared.iter().flat_map(|list| list.iter());
-        self.own.iter().chain(shared).copied()
+pub(crate) static GROUPS: LazyLock<Vec<SourceGroup>> = LazyLock::new(|| {
+    let mut lists: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    let mut groups = Vec::new();
+    for list in include_str!("groups.txt").split("\n\n") {
+        let lines = list.lines().filter(|line| !line.starts_with('#'));
+        let mut words = lines.flat_map(str::split_whitespace);
+        let Some(name) = words.next() else { continue };
+        let of_word = |word| lists.get(word).cloned().unwrap_or_else(|| vec![word]);
+        let all: Vec<&str> = words.flat_map(of_word).collect();
+        if name.starts_with('@') {
+            lists.insert(name, all);
+            continue;
+        }
+        let sources = all.iter().filter(|word| !word.starts_with('+'));
+        groups.push(SourceGroup {
+            name,
+            sources: sources.copied().collect(),
+            crates: all
+                .iter()
+                .filter_map(|word| word.strip_prefix('+'))
+                .collect(),
+        });
     }
-}
-
-/// Reading photographs, cameras and depth.
-const READING: &[&str] = &[
-    "datasets/src",
-    "sharp/src/camera.rs",
-    "sharp/src/image_file",
-    "sharp/src/random.rs",
-    "sharp/src/trajectory.rs",
-    "bench/src/pairs/frame.rs",
-    "metrics/src/resize",
-];
-/// From network layers and colours to Gaussians.
-const COMPOSING: &[&str] = &[
-    "sharp/src/camera.rs",
-    "sharp/src/color.rs",
-    "sharp/src/composer.rs",
-    "sharp/src/gaussians.rs",
-    "sharp/src/initializer.rs",
-    "sharp/src/resize.rs",
-    "sharp/src/unprojection.rs",
-    "bench/src/io/pictures.rs",
-];
-/// Methods that supply pictures instead of Gaussians.
-const PICTURES: &[&str] = &[
-    "bench/src/methods/crop_and_resize.rs",
-    "bench/src/io/pictures.rs",
-    "datasets/src/format/picture.rs",
-    "sharp/src/image_file",
-    "metrics/src/resize",
-];
-/// From Gaussians to scored pictures, and the facts recorded about their source.
-const RENDERING: &[&str] = &[
-    "bench/src/evaluate/gaussians",
-    "bench/src/rendering/pose_alignment.rs",
-    "bench/src/rendering/shared.rs",
-    "bench/src/pairs/alignment.rs",
-    "bench/src/pairs/depth/mod.rs",
-    "bench/src/pairs/valid_depth.rs",
-    "metrics/src/psnr.rs",
-    "sharp/src/render",
-    "sharp/src/camera.rs",
-    "sharp/src/color.rs",
-    "sharp/src/gaussians.rs",
-];
-/// Code that all metrics use.
-const SCORING: &[&str] = &[
-    "bench/src/evaluate/score.rs",
-    "bench/src/pairs/depth/mod.rs",
-    "bench/src/pairs/valid_depth.rs",
-    "bench/src/scoring",
-    "metrics/src/scorer.rs",
-    "metrics/src/picture.rs",
-    "metrics/src/simd.rs",
-    "sharp/src/camera.rs",
-    "sharp/src/frustum_mask.rs",
-];
-/// Networks of the learned metrics.
-const FEATURES: &[&str] = &[
-    "metrics/src/backbone",
-    "metrics/src/engines.rs",
-    "metrics/src/maps.rs",
-    "metrics/src/weights",
-    "metrics/weights/dists.safetensors",
-    "metrics/weights/lpips_v0.1_alex.safetensors",
-    "metrics/weights/lpips_v0.1_squeeze.safetensors",
-    "metrics/weights/lpips_v0.1_vgg.safetensors",
-    "sharp/kernels/src",
-    "sharp/checkpoint/src",
-];
-
-const READERS: &[&str] = &["image", "exr", "half", "flate2", "kamadak-exif", "moxcms"];
-
-/// Readers of picture and Gaussian files.
-const FILE_READERS: &[&str] = &[
-    "image",
-    "exr",
-    "half",
-    "flate2",
-    "kamadak-exif",
-    "moxcms",
-    "ruzstd",
-    "zip",
-];
-
-pub(crate) const GROUPS: [SourceGroup; 13] = [
-    group("READING", &[], &[READING], READERS),
-    group(
-        "OVERLAP",
-        &[
-            "bench/src/pairs/overlap",
-            "bench/src/pairs/depth",
-            "bench/src/pairs/alignment.rs",
-            "bench/src/pairs/valid_depth.rs",
-            "sharp/src/model",
-            "sharp/kernels/src",
-        ],
-        &[READING],
-        READERS,
-    ),
-    group("TRIVIAL", &["bench/src/methods/trivial.rs"], &[], &[]),
-    group(
-        "DEPTH_SPLAT",
-        &["bench/src/methods/depth_splat.rs"],
-        &[COMPOSING],
-        &["glam"],
-    ),
-    group(
-        "NETWORK",
-        &[
-            "bench/src/methods/sharp.rs",
-            "sharp/src/model",
-            "sharp/kernels/src",
-            "sharp/checkpoint/src",
-        ],
-        &[COMPOSING],
-        &["candle-core", "candle-nn", "gemm", "half", "glam"],
-    ),
-    group(
-        "FILES",
-        &[
-            "bench/src/methods/imported.rs",
-            "bench/src/methods/file_reading.rs",
-            "bench/src/methods/file_template.rs",
-            "bench/src/methods/placement_file.rs",
-            "bench/src/methods/gaussians.rs",
-            "bench/src/methods/scale_sweep.rs",
-            "bench/src/io/gaussian_files.rs",
-            "sharp/src/color.rs",
-            "sharp/src/gaussian_files",
-            "sharp/src/gaussians.rs",
-            "sharp/src/ply",
-            "sharp/checkpoint/src",
-        ],
-        &[PICTURES],
-        FILE_READERS,
-    ),
-    group(
-        "COMMAND",
-        &[
-            "bench/src/methods/command",
-            "bench/src/methods/scale_sweep.rs",
-        ],
-        &[PICTURES],
-        READERS,
-    ),
-    group("RENDER_CPU", &[], &[RENDERING], &["glam", "rayon"]),
-    group("RENDER_WGPU", &["shaders"], &[RENDERING], &["glam", "wgpu"]),
-    group("PSNR", &["metrics/src/psnr.rs"], &[SCORING], &[]),
-    group("SSIM", &["metrics/src/ssim"], &[SCORING], &[]),
-    group(
-        "LPIPS",
-        &["metrics/src/lpips.rs"],
-        &[SCORING, FEATURES],
-        &["gemm", "candle-core", "safetensors"],
-    ),
-    group(
-        "DISTS",
-        &["metrics/src/dists.rs", "metrics/src/resize"],
-        &[SCORING, FEATURES],
-        &["gemm", "candle-core", "safetensors"],
-    ),
-];
-
-const fn group(
-    name: &'static str,
-    own: &'static [&'static str],
-    shared: &'static [&'static [&'static str]],
-    crates: &'static [&'static str],
-) -> SourceGroup {
-    SourceGroup {
-        name,
-        own,
-        shared,
-        crates,
-    }
-}
+    groups
+});
 
 /// The workspace crate that owns a source path; `None` for `sharp-bench` itself.
 pub(crate) fn crate_of(source: &str) -> Option<&'static str> {
@@ -282,13 +123,13 @@ impl Code {
         add(self.compiler.as_bytes());
         let belongs = |name: &str| {
             let below = |source: &str| name == source || name.starts_with(&format!("{source}/"));
-            group.sources().any(below)
+            group.sources.iter().any(|source| below(source))
         };
         for (name, bytes) in self.files.iter().filter(|(name, _)| belongs(name)) {
             add(name.as_bytes());
             add(bytes);
         }
-        let released = group.sources().filter_map(crate_of);
+        let released = group.sources.iter().filter_map(|source| crate_of(source));
         let released = released.filter(|_| self.packaged);
         let crates: Vec<&str> = group.crates.iter().copied().chain(released).collect();
         for dependency in self.closure(&crates) {
