@@ -28,11 +28,11 @@ pub(super) struct ProtocolsArgs {
 pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
     let Some(name) = &args.name else {
         if args.json {
-            output::json(&PROTOCOLS.as_slice())?;
+            output::json(&*PROTOCOLS)?;
             return Ok(Outcome::Done);
         }
-        for protocol in &PROTOCOLS {
-            let name = protocol.name;
+        for protocol in PROTOCOLS.iter() {
+            let name = &protocol.name;
             output::line(format!("{name:<14} {}", summary(protocol)))?;
         }
         return Ok(Outcome::Done);
@@ -42,23 +42,27 @@ pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
         output::json(protocol)?;
         return Ok(Outcome::Done);
     }
-    let pairs = match protocol.pairs {
+    let pairs = match &protocol.pairs {
         PairRule::Paper => "built as the SHARP paper says".to_owned(),
         PairRule::List(what) => format!("{what}; --pairs FILE"),
         PairRule::NoSource(rule) => format!("no source view ({rule}); --pairs FILE"),
         PairRule::Refused(reason) => format!("refused: {reason}"),
     };
     for (what, text) in [
-        ("protocol", protocol.name.to_owned()),
-        ("source", protocol.source.to_owned()),
+        ("protocol", protocol.name.clone()),
+        ("source", protocol.source.clone()),
         ("pairs", pairs),
         (
             "size",
-            protocol.frame.unwrap_or("as the dataset has it").to_owned(),
+            protocol
+                .frame
+                .as_deref()
+                .unwrap_or("as the dataset has it")
+                .to_owned(),
         ),
         (
             "alpha",
-            protocol.alpha.map_or_else(
+            protocol.alpha.as_ref().map_or_else(
                 || "refused".to_owned(),
                 |rule| format!("composited over {rule}"),
             ),
@@ -67,11 +71,11 @@ pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
         ("metrics", metrics(protocol)),
         ("means", protocol.aggregation.to_string()),
         ("mask", protocol.mask.to_string()),
-        ("failures", protocol.failures.to_owned()),
+        ("failures", protocol.failures.clone()),
     ] {
         output::line(format!("{what:<14} {text}"))?;
     }
-    for trap in protocol.traps {
+    for trap in &protocol.traps {
         output::line(format!("{:<14} {trap}", "kept as it is"))?;
     }
     for departure in protocol.departures() {
@@ -81,14 +85,14 @@ pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
 }
 
 fn metrics(protocol: &Protocol) -> String {
-    match protocol.metrics {
+    match protocol.metrics.as_slice() {
         [] => "none published".to_owned(),
         keys => keys.join(" "),
     }
 }
 
 fn summary(protocol: &Protocol) -> String {
-    let size = protocol.frame.unwrap_or("native");
+    let size = protocol.frame.as_deref().unwrap_or("native");
     match protocol.pairs {
         PairRule::Refused(_) => "refused; `protocols NAME` says why".to_owned(),
         _ => format!("{size}; {}; {}", metrics(protocol), protocol.aggregation),

@@ -8,7 +8,9 @@
 mod request;
 mod table;
 
-use serde::Serialize;
+use std::fmt::Display;
+
+use serde::{Deserialize, Serialize};
 use sharp::color::Quantization;
 use sharp_datasets::error::nearest_of;
 use sharp_metrics::{MetricKey, Selection};
@@ -25,91 +27,69 @@ use crate::scoring::rules::{Border, PairMask};
 
 pub use self::table::PROTOCOLS;
 
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Protocol {
-    pub name: &'static str,
+    pub name: String,
     /// Repository and commit, or the paper.
-    pub source: &'static str,
+    pub source: String,
     pub pairs: PairRule,
     /// Size at which pictures are predicted and compared, as a dataset's `frame=`; `None` for the dataset's size.
-    pub frame: Option<&'static str>,
+    pub frame: Option<String>,
     /// Background for pictures that are not opaque, as a dataset's `alpha=`; `None` if the protocol's data is opaque.
-    pub alpha: Option<&'static str>,
+    pub alpha: Option<String>,
     pub border: Border,
     pub quantised: Quantised,
     /// Metric keys; empty if the code publishes no metrics.
-    pub metrics: &'static [&'static str],
+    pub metrics: Vec<String>,
     pub aggregation: Aggregation,
     pub mask: PairMask,
     /// Treatment of failed targets.
-    pub failures: &'static str,
+    pub failures: String,
     /// Misleading rules that this harness follows nevertheless.
-    pub traps: &'static [&'static str],
+    pub traps: Vec<String>,
     /// Differences between this harness and the original.
-    pub departures: &'static [&'static str],
+    pub departures: Vec<String>,
 }
 
 /// Origin of the pairs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "kind", content = "rule", rename_all = "snake_case")]
 pub enum PairRule {
     /// Built by the rules of SHARP's paper.
+    #[default]
     Paper,
     /// A published list, given with `--pairs` after `pairs import`.
-    List(&'static str),
+    List(String),
     /// Only targets are fixed; the user chooses the sources with `--pairs`.
-    NoSource(&'static str),
+    NoSource(String),
     /// Cannot be run here; the text says why.
-    Refused(&'static str),
+    Refused(String),
 }
 
 /// Rounding of predictions before scoring.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantised {
     /// The original scores floats; this harness scores 8 bit.
     Float,
+    #[default]
     Round,
     Truncate,
     Unpublished,
-}
-
-/// Why a request does not fit a protocol.
-#[derive(Debug, thiserror::Error)]
-pub enum ProtocolError {
-    #[error("no protocol '{name}'; {}", nearest_of(name, &names()))]
-    Unknown { name: String },
-    #[error("--protocol {protocol} {rule}, which {option} contradicts")]
-    Contradicted {
-        protocol: &'static str,
-        rule: String,
-        option: String,
-    },
-    #[error("--protocol {protocol} needs --pairs FILE: {reason}")]
-    NeedsPairs {
-        protocol: &'static str,
-        reason: String,
-    },
-    #[error("--protocol {protocol} cannot be followed here: {reason}")]
-    Refused {
-        protocol: &'static str,
-        reason: &'static str,
-    },
-}
-
-fn names() -> Vec<&'static str> {
-    PROTOCOLS.iter().map(|protocol| protocol.name).collect()
 }
 
 impl Protocol {
     /// Looks up a protocol.
     ///
     /// # Errors
-    /// [`ProtocolError::Unknown`].
-    pub fn named(name: &str) -> Result<&'static Self, ProtocolError> {
+    /// If there is none of this name.
+    pub fn named(name: &str) -> Result<&'static Self, ConfigError> {
         let found = PROTOCOLS.iter().find(|protocol| protocol.name == name);
-        found.ok_or_else(|| ProtocolError::Unknown {
-            name: name.to_owned(),
+        found.ok_or_else(|| {
+            let known: Vec<&str> = PROTOCOLS.iter().map(|known| known.name.as_str()).collect();
+            let nearest = nearest_of(name, &known);
+            ConfigError::Usage(format!("no protocol '{name}'; {nearest}"))
         })
     }
 
@@ -141,17 +121,17 @@ impl Protocol {
 
     pub fn record(&self) -> ProtocolRecord {
         ProtocolRecord {
-            name: self.name.to_owned(),
-            source: self.source.to_owned(),
-            failures: self.failures.to_owned(),
-            traps: self.traps.iter().map(ToString::to_string).collect(),
+            name: self.name.clone(),
+            source: self.source.clone(),
+            failures: self.failures.clone(),
+            traps: self.traps.clone(),
             departures: self.departures(),
         }
     }
 
     /// Differences between this harness and the original, including those implied by the protocol's fields.
     pub fn departures(&self) -> Vec<String> {
-        let of_pairs = match self.pairs {
+        let of_pairs = match &self.pairs {
             PairRule::NoSource(rule) => Some(format!(
                 "pairs: from the given list; this protocol has no source view: {rule}"
             )),
@@ -161,31 +141,24 @@ impl Protocol {
             "quantisation: predictions are rounded to 8 bit; the original scores floats (a difference below 0.01 dB up to 40 dB)"
                 .to_owned()
         });
-        let others = self.departures.iter().map(ToString::to_string);
-        of_pairs
-            .into_iter()
-            .chain(of_levels)
-            .chain(others)
-            .collect()
+        let implied = of_pairs.into_iter().chain(of_levels);
+        implied.chain(self.departures.iter().cloned()).collect()
     }
 
-    fn contradicted(&self, rule: impl Into<String>, option: impl Into<String>) -> ProtocolError {
-        ProtocolError::Contradicted {
-            protocol: self.name,
-            rule: rule.into(),
-            option: option.into(),
-        }
+    fn refusal(&self, text: impl Display) -> ConfigError {
+        ConfigError::Usage(format!("--protocol {} {text}", self.name))
     }
 
-    fn check_pairs(&self, asked: &PairConfig) -> Result<(), ProtocolError> {
+    fn contradicted(&self, rule: impl Display, option: impl Display) -> ConfigError {
+        self.refusal(format!("{rule}, which {option} contradicts"))
+    }
+
+    fn check_pairs(&self, asked: &PairConfig) -> Result<(), ConfigError> {
         let needs = |reason: String| match asked.pairs.is_some() {
             true => Ok(()),
-            false => Err(ProtocolError::NeedsPairs {
-                protocol: self.name,
-                reason,
-            }),
+            false => Err(self.refusal(format!("needs --pairs FILE: {reason}"))),
         };
-        match self.pairs {
+        match &self.pairs {
             PairRule::Paper if asked.pairs.is_some() => Ok(()),
             PairRule::Paper => match asked.pair_options.as_ref().map(PairOptions::proxies) {
                 Some(changed) if !changed.is_empty() => Err(self.contradicted(
@@ -198,17 +171,19 @@ impl Protocol {
             PairRule::NoSource(rule) => needs(format!(
                 "it has no source view ({rule}), so the list must state a source for each target"
             )),
-            PairRule::Refused(reason) => Err(ProtocolError::Refused {
-                protocol: self.name,
-                reason,
-            }),
+            PairRule::Refused(reason) => {
+                Err(self.refusal(format!("cannot be followed here: {reason}")))
+            }
         }
     }
 
     /// Sets a dataset to the protocol's size, and to its background unless the dataset sets one.
-    fn show(&self, dataset: &mut DatasetConfig) -> Result<(), ProtocolError> {
+    fn show(&self, dataset: &mut DatasetConfig) -> Result<(), ConfigError> {
         let own = dataset.frame;
-        let of_protocol = self.frame.map(str::parse::<Frame>).and_then(Result::ok);
+        let of_protocol = self
+            .frame
+            .as_ref()
+            .and_then(|frame| frame.parse::<Frame>().ok());
         let rule = match (of_protocol, own) {
             (Some(frame), Some(own)) if own != frame => {
                 Some(format!("sees pictures as frame={frame}"))
@@ -222,15 +197,15 @@ impl Protocol {
             return Err(self.contradicted(rule, format!("--dataset …,frame={own}")));
         }
         dataset.frame = own.or(of_protocol);
-        if let Some(alpha) = self.alpha {
+        if let Some(alpha) = &self.alpha {
             let settings = &mut dataset.spec.settings;
-            settings.entry("alpha").or_insert_with(|| alpha.to_owned());
+            settings.entry("alpha").or_insert_with(|| alpha.clone());
         }
         Ok(())
     }
 
     /// Fails if a choice of metrics does not include all of the protocol's.
-    fn check_metrics(&self, asked: Option<&Selection>) -> Result<(), ProtocolError> {
+    fn check_metrics(&self, asked: Option<&Selection>) -> Result<(), ConfigError> {
         let own = Selection::parse(&self.metrics.join(","));
         let (Some(asked), Ok(own)) = (asked, own) else {
             return Ok(());
@@ -244,7 +219,7 @@ impl Protocol {
         }
     }
 
-    fn quantise(&self, asked: Option<Quantise>) -> Result<Option<Quantise>, ProtocolError> {
+    fn quantise(&self, asked: Option<Quantise>) -> Result<Option<Quantise>, ConfigError> {
         let own = match self.quantised {
             Quantised::Truncate => Quantise::Truncate,
             Quantised::Float | Quantised::Round => Quantise::Round,
@@ -257,12 +232,6 @@ impl Protocol {
             )),
             _ => Ok(Some(own)),
         }
-    }
-}
-
-impl From<ProtocolError> for ConfigError {
-    fn from(error: ProtocolError) -> Self {
-        Self::Usage(error.to_string())
     }
 }
 
@@ -293,14 +262,15 @@ mod tests {
     #[test]
     fn every_preset_is_sound() {
         let mut names = std::collections::BTreeSet::new();
-        for protocol in &PROTOCOLS {
-            assert!(names.insert(protocol.name));
+        for protocol in PROTOCOLS.iter() {
+            assert!(names.insert(protocol.name.as_str()));
             assert!(
                 protocol
                     .frame
+                    .as_ref()
                     .is_none_or(|frame| frame.parse::<Frame>().is_ok())
             );
-            for key in protocol.metrics {
+            for key in &protocol.metrics {
                 let parsed = key.parse::<MetricKey>().unwrap();
                 assert_eq!(parsed.to_string(), *key, "{}", protocol.name);
             }
