@@ -174,39 +174,26 @@ fn rows(map: &DAffine3) -> [[f64; 4]; 3] {
 /// Columns of means, opacities, quaternions, scales, colours and harmonics, as f32 split into byte
 /// planes, which deflate compresses to about three quarters.
 fn packed(scene: &Gaussians) -> io::Result<Vec<u8>> {
-    let n = scene.len();
-    let columns: [&dyn Fn(usize) -> f32; 14] = [
-        &|k| scene.means[k][0],
-        &|k| scene.means[k][1],
-        &|k| scene.means[k][2],
-        &|k| scene.opacities[k],
-        &|k| scene.quaternions[k][0],
-        &|k| scene.quaternions[k][1],
-        &|k| scene.quaternions[k][2],
-        &|k| scene.quaternions[k][3],
-        &|k| scene.scales[k][0],
-        &|k| scene.scales[k][1],
-        &|k| scene.scales[k][2],
-        &|k| scene.colors[k][0],
-        &|k| scene.colors[k][1],
-        &|k| scene.colors[k][2],
+    let harmonics = &scene.harmonics;
+    let arrays = [
+        (scene.means.as_flattened(), 3),
+        (scene.opacities.as_slice(), 1),
+        (scene.quaternions.as_flattened(), 4),
+        (scene.scales.as_flattened(), 3),
+        (scene.colors.as_flattened(), 3),
+        (
+            harmonics.coefficients.as_flattened(),
+            3 * harmonics.per_gaussian(),
+        ),
     ];
-    let harmonics = (0..3 * scene.harmonics.per_gaussian())
-        .map(|at| move |k: usize| scene.harmonics.of(k)[at / 3][at % 3]);
-    let harmonics: Vec<_> = harmonics.collect();
-    let columns = columns.into_iter().chain(
-        harmonics
-            .iter()
-            .map(|column| column as &dyn Fn(usize) -> f32),
-    );
     let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-    let mut plane = vec![0; n];
-    for column in columns {
-        for byte in 0..4 {
-            for (k, out) in plane.iter_mut().enumerate() {
-                *out = column(k).to_le_bytes()[byte];
+    for (values, width) in arrays {
+        for column in 0..width {
+            for byte in 0..4 {
+                let values = values.iter().skip(column).step_by(width);
+                let plane: Vec<u8> = values.map(|value| value.to_le_bytes()[byte]).collect();
+                encoder.write_all(&plane)?;
             }
-            encoder.write_all(&plane)?;
         }
     }
     encoder.finish()

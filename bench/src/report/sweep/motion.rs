@@ -49,44 +49,51 @@ impl Motion {
         value.filter(|value| value.is_finite())
     }
 
+    /// Title for headings, label of an axis, and a definition.
+    fn words(self) -> [&'static str; 3] {
+        match self {
+            Self::BaselineM => [
+                "baseline, m",
+                "camera baseline (m)",
+                "Baseline: distance of the camera centres.",
+            ],
+            Self::RotationDeg => [
+                "rotation, degrees",
+                "rotation (degrees)",
+                "Rotation: angle between the two cameras.",
+            ],
+            Self::Overlap => [
+                "overlap",
+                "overlap (share of the target seen by the source)",
+                "Overlap: share of the target's pixels with depth that the source sees, as the pair list measured it.",
+            ],
+            Self::RelativeMotion => [
+                "baseline / median depth",
+                "baseline / median depth",
+                "Median depth: the target's, or the source's if only that has depth.",
+            ],
+            Self::Disoccluded => [
+                "share not seen by the source",
+                "share of the target not seen by the source",
+                "Not seen: 1 − overlap, the share of the target's pixels with depth that are hidden from the source or \
+                 outside its picture.",
+            ],
+        }
+    }
+
     /// Title for headings.
     pub fn title(self) -> &'static str {
-        match self {
-            Self::BaselineM => "baseline, m",
-            Self::RotationDeg => "rotation, degrees",
-            Self::Overlap => "overlap",
-            Self::RelativeMotion => "baseline / median depth",
-            Self::Disoccluded => "share not seen by the source",
-        }
+        self.words()[0]
     }
 
     /// Label of an axis.
     pub fn label(self) -> &'static str {
-        match self {
-            Self::BaselineM => "camera baseline (m)",
-            Self::RotationDeg => "rotation (degrees)",
-            Self::Overlap => "overlap (share of the target seen by the source)",
-            Self::RelativeMotion => "baseline / median depth",
-            Self::Disoccluded => "share of the target not seen by the source",
-        }
+        self.words()[1]
     }
 
     /// A definition, which captions add to the label.
     pub fn definition(self) -> &'static str {
-        match self {
-            Self::BaselineM => "Baseline: distance of the camera centres.",
-            Self::RotationDeg => "Rotation: angle between the two cameras.",
-            Self::Overlap => {
-                "Overlap: share of the target's pixels with depth that the source sees, as the pair list measured it."
-            }
-            Self::RelativeMotion => {
-                "Median depth: the target's, or the source's if only that has depth."
-            }
-            Self::Disoccluded => {
-                "Not seen: 1 − overlap, the share of the target's pixels with depth that are hidden from the source or \
-                 outside its picture."
-            }
-        }
+        self.words()[2]
     }
 
     /// Largest permitted start of the axis; if `None`, the axis starts at the smallest value.
