@@ -23,8 +23,7 @@ use sharp_metrics::Picture;
 use crate::arrays;
 use crate::errors::{failed, refused};
 use crate::gaussians::{Gaussians, rendered};
-use crate::pairs::Warnings;
-
+use crate::pairs::{Warnings, lock};
 use crate::views::Camera;
 
 /// The source view of a method.
@@ -228,10 +227,7 @@ impl Progress<'_> {
             return;
         };
         let told = {
-            let mut phase = self
-                .phase
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut phase = lock(&self.phase);
             if !at_once && phase.2.is_some_and(|at| at.elapsed() < PAUSE) {
                 return;
             }
@@ -249,10 +245,7 @@ impl Observer for Progress<'_> {
     }
 
     fn begin(&self, phase: &str, steps: usize, _unit: &'static str) {
-        *self
-            .phase
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner) = (phase.to_owned(), steps, None);
+        *lock(&self.phase) = (phase.to_owned(), steps, None);
         self.done.store(0, Ordering::Relaxed);
         self.tell(0, true);
     }

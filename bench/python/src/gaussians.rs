@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use sharp::gaussian_files::turn;
 use sharp::gaussians::Gaussians as Core;
 use sharp::image_file::focal::focal_px_from_35mm;
-use sharp::model::{Algorithm, DeviceChoice, ModelConfig, NetworkSpec, Predictor as Network};
+use sharp::model::{ModelConfig, NetworkSpec, Predictor as Network};
 use sharp::ply::{GaussianScene, PlyForm, StoredForm};
 use sharp::render::{Backend, Background, RenderOutput, Rule};
 use sharp::unprojection::{release_intrinsics, unproject};
@@ -246,20 +246,13 @@ impl Predictor {
     #[pyo3(signature = (checkpoint=None, config=None))]
     fn new(py: Python<'_>, checkpoint: Option<PathBuf>, config: Option<String>) -> PyResult<Self> {
         let open = || -> anyhow::Result<Network> {
-            let spec = NetworkSpec {
-                checkpoint: match checkpoint {
-                    Some(file) => file,
-                    None => find_checkpoint()?,
-                },
-                config: match &config {
-                    Some(file) => ModelConfig::load(file)?,
-                    None => ModelConfig::release(),
-                },
-                allow_unused: Vec::new(),
-                device: DeviceChoice::Cpu,
-                convolution: Algorithm::Winograd,
-                notes: Vec::new(),
-            };
+            let mut spec = NetworkSpec::release(match checkpoint {
+                Some(file) => file,
+                None => find_checkpoint()?,
+            });
+            if let Some(file) = &config {
+                spec.config = ModelConfig::load(file)?;
+            }
             Ok(Network::open(&spec)?)
         };
         Ok(Self {

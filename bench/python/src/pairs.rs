@@ -1,6 +1,7 @@
 //! Lists of pairs.
 
 use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use pyo3::prelude::*;
 use sharp_bench::io::observer::Observer;
@@ -15,25 +16,21 @@ use crate::views::configs;
 
 /// Collects warnings for the user.
 #[derive(Default)]
-pub(crate) struct Warnings(std::sync::Mutex<Vec<String>>);
+pub(crate) struct Warnings(Mutex<Vec<String>>);
 
 impl Warnings {
     pub(crate) fn push(&self, text: &str) {
-        let mut all = self
-            .0
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
-        all.push(text.to_owned());
+        lock(&self.0).push(text.to_owned());
     }
 
     pub(crate) fn take(&self) -> Vec<String> {
-        std::mem::take(
-            &mut self
-                .0
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner),
-        )
+        std::mem::take(&mut lock(&self.0))
     }
+}
+
+/// Locks a mutex, ignoring poisoning: no code that holds one panics in the middle of a change.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Observer for Warnings {
