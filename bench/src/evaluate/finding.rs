@@ -335,14 +335,9 @@ pub struct Framing {
     /// Shift to the right and down, thousandths of the width. Without its component along the epipolar lines, if these
     /// are parallel.
     pub shift: [i16; 2],
-    /// Radial distortion (k1) of the lens through which it is seen, thousandths.
-    #[serde(default)]
-    pub bend: i16,
 }
 
 impl Framing {
-    /// Minimum distortion that is wrong, and maximum difference between distortions with one cause.
-    const BENT: i16 = 40;
     /// Maximum differences in zoom, roll and shift between framings with one cause.
     const UNEVEN: [i16; 3] = [25, 700, 4];
     /// Minimum differences in zoom, roll and shift that count as wrong.
@@ -366,12 +361,8 @@ impl Framing {
         if self.is_zoomed() { 3 } else { 1 }
     }
 
-    fn is_bent(self) -> bool {
-        self.bend.abs() >= Self::BENT
-    }
-
     pub fn is_wrong(self) -> bool {
-        self.is_bent() || self.is_zoomed() || self.is_rolled() || self.is_shifted()
+        self.is_zoomed() || self.is_rolled() || self.is_shifted()
     }
 
     /// Whether this may be a measurement of `other`, whose shift is complete.
@@ -382,7 +373,6 @@ impl Framing {
         let [own, all] = [self, other].map(Self::shift_vector);
         let off = own.length() - all.dot(own.normalize_or_zero());
         near(self.zoom, other.zoom, zoom)
-            && near(self.bend, other.bend, Self::BENT)
             && near(self.roll, other.roll, times * roll)
             && off.abs() <= f64::from(times * shift)
     }
@@ -407,7 +397,6 @@ impl Framing {
             zoom: middle(|framing| framing.zoom)?,
             roll: middle(|framing| framing.roll)?,
             shift: [shift.x.round() as i16, shift.y.round() as i16],
-            bend: middle(|framing| framing.bend)?,
         })
     }
 
@@ -418,13 +407,7 @@ impl Framing {
     /// Completes the sentence "what the target's camera would see".
     pub fn text(self) -> String {
         let mut parts = Vec::new();
-        if self.is_bent() {
-            parts.push(format!(
-                "through a lens with a distortion k1 of about {:.2}, as if it were left in; render them with the pinhole \
-                 camera",
-                f64::from(self.bend) / 1000.0
-            ));
-        } else if self.is_zoomed() {
+        if self.is_zoomed() {
             let zoom = f64::from(self.zoom) / 1000.0;
             parts.push(format!(
                 "with {zoom:.2} times its focal length, as after a wrong focal length or a crop that was resized"

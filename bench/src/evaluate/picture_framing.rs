@@ -1,4 +1,4 @@
-//! Detects pictures that frame the target differently: zoomed, rolled, shifted or seen through a distorting lens.
+//! Detects pictures that frame the target differently: zoomed, rolled or shifted.
 //!
 //! Wrong depths move the content of a picture only along epipolar lines. Displacements across them are evidence of a
 //! wrong camera or a crop, however poor the prediction is.
@@ -31,8 +31,6 @@ const PRIOR: f64 = 0.05;
 const AGREEING: (f64, f64) = (1.0, 0.6);
 /// The mean distance from the lines must fall by this many pixels, and to this share.
 const GAIN: (f64, f64) = (0.3, 0.5);
-/// To which share a lens must reduce the mean distance that is left without one.
-const GAIN_OF_LENSES: f64 = 0.6;
 /// Larger distances count as this one, pixels.
 const MOST: f64 = 3.0;
 
@@ -74,26 +72,24 @@ pub(super) fn shown_framing(
         let near = locate([&coarse[0], &coarse[1]], *centre / 2.0, DVec2::ZERO, reach)?;
         let off = locate([target, shown], *centre, 2.0 * near, REFINED)?;
         let at = from_middle / half;
-        Some(Line {
-            row: DVec4::new(beside.dot(at), beside.dot(at.perp()), beside.x, beside.y),
-            bend: beside.dot(at) * at.length_squared(),
-            off: beside.dot(off),
-        })
+        let row = DVec4::new(beside.dot(at), beside.dot(at.perp()), beside.x, beside.y);
+        Some((row, beside.dot(off)))
     });
-    let lines: Vec<Line> = lines.collect();
+    let lines: Vec<(DVec4, f64)> = lines.collect();
     if lines.len() < LEAST_FOUND.0 || (lines.len() as f64) < LEAST_FOUND.1 * blocks.len() as f64 {
         return None;
     }
-    let mean = |fit: Fit| {
-        let off = lines.iter().map(|line| line.left(fit).min(MOST));
+    let fit = fitted(&lines)?;
+    let mean = |fit: DVec4| {
+        let off = lines
+            .iter()
+            .map(|(row, off)| (off - row.dot(fit)).abs().min(MOST));
         off.sum::<f64>() / lines.len() as f64
     };
-    let [plain, bent] = [fitted(&lines, false)?, fitted(&lines, true)?];
-    let is_bent = mean(bent) <= GAIN_OF_LENSES * mean(plain);
-    let whole = if is_bent { bent } else { plain };
-    let (fit, bend) = whole;
-    let agreeing = lines.iter().filter(|line| line.left(whole) <= AGREEING.0);
-    let [before, after] = [Fit::default(), whole].map(mean);
+    let agreeing = lines
+        .iter()
+        .filter(|(row, off)| (off - row.dot(fit)).abs() <= AGREEING.0);
+    let [before, after] = [DVec4::ZERO, fit].map(mean);
     let is_clear = agreeing.count() as f64 >= AGREEING.1 * lines.len() as f64
         && before - after >= GAIN.0
         && after <= GAIN.1 * before;
@@ -102,7 +98,6 @@ pub(super) fn shown_framing(
         zoom: thousandths(1.0 + fit.x / half),
         roll: thousandths((fit.y / half).atan().to_degrees()),
         shift: [fit.z, fit.w].map(|v| thousandths(v / f64::from(width))),
-        bend: thousandths(bend * focal.x.powi(2) / half.powi(3)),
     };
     (is_clear && framing.is_wrong()).then_some(framing)
 }
@@ -123,55 +118,27 @@ fn locate([of, shown]: [&RgbImage; 2], centre: DVec2, start: DVec2, reach: i32) 
     (best.1 >= FOUND.0 && elsewhere <= best.1 - FOUND.1).then_some(best.0)
 }
 
-/// A block's distance from its epipolar line, and what moves it there: zoom, roll, shift in x and y, and the lens.
-struct Line {
-    row: DVec4,
-    bend: f64,
-    off: f64,
-}
-
-/// Zoom, roll and shift; and the lens. Zoom, roll and lens are given as displacements at half a width from the principal
-/// point; all are in pixels.
-type Fit = (DVec4, f64);
-
-impl Line {
-    /// Distance that a fit leaves.
-    fn left(&self, (fit, bend): Fit) -> f64 {
-        (self.off - self.row.dot(fit) - self.bend * bend).abs()
-    }
-}
-
-/// Fits zoom, roll and shift, and the lens if it is `bent`, to distances from the lines by least absolute deviation.
-fn fitted(lines: &[Line], bent: bool) -> Option<Fit> {
-    let mut fit = Fit::default();
+/// Fits zoom, roll and shift to distances from the lines by least absolute deviation. Zoom and roll are given as
+/// displacements at half a width from the principal point; all are in pixels.
+fn fitted(lines: &[(DVec4, f64)]) -> Option<DVec4> {
+    let mut fit = DVec4::ZERO;
     for _ in 0..STEPS {
         let mut normal = DMat4::from_diagonal(DVec4::splat(PRIOR));
-        let mut sums = [DVec4::ZERO; 2];
-        let [mut squares, mut product] = [PRIOR, 0.0];
-        for line in lines {
-            let Line { row, bend, off } = line;
-            let weight = line.left(fit).max(0.3).recip();
+        let mut sums = DVec4::ZERO;
+        for (row, off) in lines {
+            let weight = (off - row.dot(fit)).abs().max(0.3).recip();
             normal +=
                 DMat4::from_cols(row.x * *row, row.y * *row, row.z * *row, row.w * *row) * weight;
-            sums[0] += weight * off * *row;
-            sums[1] += weight * bend * *row;
-            squares += weight * bend * bend;
-            product += weight * bend * off;
+            sums += weight * *off * *row;
         }
-        let inverse = normal.inverse();
-        let [of_off, of_bend] = sums.map(|sum| inverse * sum);
-        let bend = match bent {
-            true => (product - sums[1].dot(of_off)) / (squares - sums[1].dot(of_bend)),
-            false => 0.0,
-        };
-        fit = (of_off - bend * of_bend, bend);
+        fit = normal.inverse() * sums;
     }
-    (fit.0.is_finite() && fit.1.is_finite()).then_some(fit)
+    fit.is_finite().then_some(fit)
 }
 
 #[cfg(test)]
 mod tests {
-    use image::imageops::{fast_blur, interpolate_bilinear};
+    use image::imageops::fast_blur;
     use sharp::camera::RigidTransform;
 
     use super::super::picture_motion::tests::{PLANE, camera, pose, view};
@@ -234,30 +201,6 @@ mod tests {
                     "{shift:?}: {found:?}"
                 );
             }
-        }
-    }
-
-    #[test]
-    fn lenses_that_were_left_in_are_measured() {
-        let own = pose(0.03, [0.12, 0.06, 0.02]);
-        let k = camera(80.0);
-        let target = view(k, own, PLANE);
-        for k1 in [-0.2, -0.1, 0.1] {
-            let shown = RgbImage::from_fn(k.width, k.height, |x, y| {
-                let seen = DVec2::new(f64::from(x) + 0.5 - k.cx, f64::from(y) + 0.5 - k.cy) / k.fx;
-                let mut right = seen;
-                for _ in 0..20 {
-                    right = seen / (1.0 + k1 * right.length_squared());
-                }
-                let at = (k.fx * right + DVec2::new(k.cx, k.cy) - 0.5).as_vec2();
-                let found = interpolate_bilinear(&target, at.x, at.y);
-                found.unwrap_or(image::Rgb([0; 3]))
-            });
-            let found = shown_framing(k, own.translation, [&target, &shown]).unwrap();
-            assert!(
-                (f64::from(found.bend) - 1000.0 * k1).abs() < 25.0,
-                "{k1}: {found:?}"
-            );
         }
     }
 

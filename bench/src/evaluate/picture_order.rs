@@ -427,7 +427,6 @@ mod tests {
                 zoom,
                 roll: 0,
                 shift,
-                bend: 0,
             })
         };
         for (found, parts) in [

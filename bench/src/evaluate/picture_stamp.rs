@@ -17,13 +17,20 @@ const EQUAL: u8 = 3;
 const FEWEST: [usize; 2] = [4, 3];
 /// Share of the pictures that must have the content.
 const AGREEING: f64 = 0.8;
-/// Minimum number of cells, and maximum share: pictures that are wrong everywhere have another cause.
-const CELLS: (usize, f64) = (6, 0.5);
+/// Minimum median difference of these targets from their median, levels: what is equal in them is not foreign.
+const TARGETS_DIFFER: u8 = 8;
+/// Minimum number of cells, and minimum share of the rectangle around them: other faults are scattered.
+const CELLS: (usize, f64) = (8, 0.4);
+/// Maximum share of all cells: pictures that are wrong everywhere have another cause.
+const MOST: f64 = 0.5;
 /// Minimum contrast of the content, levels: holes and backgrounds have one colour.
 const CONTRAST: u8 = 24;
 
-/// Cells in which a picture differs from its target, with their mean levels in the picture.
-pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<(u16, u8)> {
+/// A cell with its mean levels in the picture and in the target.
+pub(super) type Cell = (u16, u8, u8);
+
+/// Cells in which a picture differs from its target, with their mean levels.
+pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<Cell> {
     let levels = |of: &RgbImage| -> Vec<u8> {
         let cells = thumbnail(of, GRID[0], GRID[1]);
         let means = cells.pixels().map(|pixel| pixel.0.map(u16::from));
@@ -33,12 +40,12 @@ pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<(u16, u8
     let wrong = (0..)
         .zip(both)
         .filter(|(_, (own, seen))| own.abs_diff(*seen) >= WRONG);
-    wrong.map(|(cell, (own, _))| (cell, own)).collect()
+    wrong.map(|(cell, (own, seen))| (cell, own, seen)).collect()
 }
 
 /// A sentence for each dataset whose pictures have the same content somewhere.
 pub(super) fn stamped_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, Vec<(&Record, &[(u16, u8)])>> = BTreeMap::new();
+    let mut by_dataset: BTreeMap<&str, Vec<(&Record, &[Cell])>> = BTreeMap::new();
     for record in records.filter(|record| record.status == Status::Ok) {
         if let Some(cells) = &record.wrong_cells {
             let of_dataset = by_dataset.entry(&record.dataset).or_default();
@@ -50,7 +57,7 @@ pub(super) fn stamped_pictures<'a>(records: impl Iterator<Item = &'a Record>) ->
         .collect()
 }
 
-fn stamp(dataset: &str, pictures: &[(&Record, &[(u16, u8)])]) -> Option<String> {
+fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
     let views = |of: fn(&Record) -> &String| {
         let names = pictures
             .iter()
@@ -61,38 +68,54 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[(u16, u8)])]) -> Option<String> 
         return None;
     }
     let all = pictures.len();
-    let mut levels: BTreeMap<u16, Vec<u8>> = BTreeMap::new();
-    for (cell, level) in pictures.iter().flat_map(|(_, cells)| *cells) {
-        levels.entry(*cell).or_default().push(*level);
+    let mut levels: BTreeMap<u16, Vec<(u8, u8)>> = BTreeMap::new();
+    for (cell, own, seen) in pictures.iter().flat_map(|(_, cells)| *cells) {
+        levels.entry(*cell).or_default().push((*own, *seen));
     }
     let stamped = levels.into_iter().filter_map(|(cell, mut levels)| {
-        levels.sort_unstable();
-        let median = levels[levels.len() / 2];
-        let equal = levels
-            .iter()
-            .filter(|level| level.abs_diff(median) <= EQUAL);
-        (equal.count() as f64 >= AGREEING * all as f64).then_some((u32::from(cell), median))
+        let own = median(levels.iter().map(|level| level.0))?;
+        levels.retain(|level| level.0.abs_diff(own) <= EQUAL);
+        let seen = median(levels.iter().map(|level| level.1))?;
+        let apart = median(levels.iter().map(|level| level.1.abs_diff(seen)))?;
+        let is_stamped = levels.len() as f64 >= AGREEING * all as f64 && apart >= TARGETS_DIFFER;
+        is_stamped.then_some((u32::from(cell), own))
     });
     let stamped: Vec<(u32, u8)> = stamped.collect();
     let of_levels = stamped.iter().map(|(_, level)| *level);
     let contrast = of_levels.clone().max()? - of_levels.min()?;
-    let share = stamped.len() as f64 / f64::from(GRID[0] * GRID[1]);
-    if stamped.len() < CELLS.0 || share > CELLS.1 || contrast < CONTRAST {
+    // First and last column and row.
+    let [across, down] = [0, 1].map(|axis| {
+        let at = stamped
+            .iter()
+            .map(|(cell, _)| [cell % GRID[0], cell / GRID[0]][axis]);
+        [
+            at.clone().min().unwrap_or_default(),
+            at.max().unwrap_or_default() + 1,
+        ]
+    });
+    let around = f64::from((across[1] - across[0]) * (down[1] - down[0]));
+    let (count, share) = (
+        stamped.len(),
+        stamped.len() as f64 / f64::from(GRID[0] * GRID[1]),
+    );
+    let is_found = count >= CELLS.0 && count as f64 >= CELLS.1 * around && share <= MOST;
+    if !is_found || contrast < CONTRAST {
         return None;
     }
-    let [across, down] = [0, 1].map(|axis| {
-        let at = |(cell, _): &(u32, u8)| [cell % GRID[0], cell / GRID[0]][axis];
-        let percent = |cells: u32| 100 * cells / GRID[axis];
-        let first = stamped.iter().map(at).min().unwrap_or_default();
-        let last = stamped.iter().map(at).max().unwrap_or_default();
-        format!("{} to {} %", percent(first), percent(last + 1))
-    });
+    let [across, down] = [(across, GRID[0]), (down, GRID[1])]
+        .map(|([first, last], of)| format!("{} to {} %", 100 * first / of, 100 * last / of));
     Some(format!(
         "its pictures have something in common that their targets do not, as captions, logos and watermarks leave: \
          about {:.0} % of their area, at {across} of the width and {down} of the height, is the same in nearly all of \
          the {all} compared of {dataset}; store the pictures without it",
         100.0 * share
     ))
+}
+
+fn median(levels: impl Iterator<Item = u8>) -> Option<u8> {
+    let mut levels: Vec<u8> = levels.collect();
+    levels.sort_unstable();
+    levels.get(levels.len() / 2).copied()
 }
 
 #[cfg(test)]
@@ -119,6 +142,7 @@ mod tests {
                     Record {
                         source: format!("source {view}"),
                         target: format!("target {view}"),
+                        status: Status::Ok,
                         wrong_cells: Some(wrong_cells(&target, &picture)),
                         ..record()
                     }

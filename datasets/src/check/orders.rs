@@ -132,8 +132,8 @@ impl Neighbours<'_> {
         for &moves in self.moves() {
             let exchanged = self.exchanges();
             for (text, of, least_pairs) in orders(self.views, &starts, &exchanged, moves.noun()) {
-                // Pictures that would have no pose are left unchanged.
                 let explained = self.in_order(as_read, &*of, moves);
+                // Pictures that would have no pose are left unchanged.
                 let given = explained.iter().filter(|one| one.is_some()).count();
                 let all = explained.into_iter().zip(as_read);
                 let all: Vec<Explained> = all.map(|(one, read)| one.unwrap_or(*read)).collect();
