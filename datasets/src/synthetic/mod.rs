@@ -201,7 +201,6 @@ pub struct SyntheticScene {
     world: Arc<World>,
     lens: Lens,
     views: Vec<View>,
-    looks_at_m: f64,
     options: SyntheticOptions,
 }
 
@@ -245,7 +244,6 @@ impl SyntheticScene {
             world: Arc::new(world),
             lens,
             views: Vec::new(),
-            looks_at_m: rig.target.length(),
             options,
         };
         let poses = rig.poses(options.views).into_iter().enumerate();
@@ -253,11 +251,6 @@ impl SyntheticScene {
             .map(|(i, pose)| scene.view_through(&format!("view_{i:02}"), lens, pose))
             .collect();
         Ok(scene)
-    }
-
-    /// Distance from the central camera to the point that all cameras look at, in metres.
-    pub fn looks_at_m(&self) -> f64 {
-        self.looks_at_m
     }
 
     /// The cameras, with their pictures and depth.

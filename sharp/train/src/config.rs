@@ -117,8 +117,6 @@ pub enum TrainingData {
     /// Scenes generated from seeds; the second stage uses only their pictures.
     #[default]
     Procedural,
-    /// Scenes generated from seeds, of which every other one is looked at from close by.
-    Near,
     /// Scenes generated from seeds, of which every other one has mirrors, panes of glass and water, and light from the
     /// sky.
     Reflective,
@@ -412,7 +410,7 @@ impl TrainingData {
             (Self::Split(split), _) if split.held_out < 2 => {
                 Some("holds out everything; `split.held_out` must be at least 2".to_owned())
             }
-            (Self::Procedural | Self::Near | Self::Reflective, _)
+            (Self::Procedural | Self::Reflective, _)
             | (Self::Photographs(_) | Self::Split(_), Stage::SelfSupervised) => None,
             (Self::Photographs(_) | Self::Split(_), Stage::Supervised) => {
                 Some("has photographs, which have no depth, but this stage needs depth".to_owned())

@@ -30,7 +30,6 @@ impl Examples {
         let (seed, size) = (settings.seed, (settings.side, settings.side));
         let limit_m = settings.max_baseline_m;
         let worlds = match settings.data {
-            TrainingData::Near => TrainingWorlds::HalfNear,
             TrainingData::Reflective => TrainingWorlds::HalfReflective,
             _ => TrainingWorlds::Varied,
         };

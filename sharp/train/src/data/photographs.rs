@@ -8,7 +8,7 @@ use sharp::color::{Quantization, quantize};
 use sharp::model::preprocess::{Photo, PhotoOptions, load_photo};
 use sharp_datasets::files;
 
-use super::procedural::TrainingWorlds;
+use super::procedural::{TrainingWorlds, scene};
 use super::view::resized;
 use super::{DataError, Photograph, Source, draws};
 
@@ -154,7 +154,7 @@ impl ProceduralPhotographs {
 impl Source<Photograph> for ProceduralPhotographs {
     fn get(&self, k: u64) -> Result<Photograph, DataError> {
         let mut random = draws(self.seed ^ APART, k);
-        let (scene, views) = self.worlds.scene(k, &mut random, self.size)?;
+        let (scene, views) = scene(&mut random, self.size, self.worlds.of(k))?;
         let view = &views[random.below(views.len() as u64) as usize];
         let id = format!("{scene}/{}", view.id);
         let image = view.content.image();

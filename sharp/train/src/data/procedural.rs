@@ -22,46 +22,19 @@ pub struct ProceduralSamples {
     worlds: TrainingWorlds,
 }
 
-/// The scenes that samples are from.
+/// The worlds that training scenes are from. The same sample has the same seed and cameras in both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrainingWorlds {
     Varied,
-    /// The cameras of every other sample look at something close by.
-    HalfNear,
-    /// Every other sample is from a reflective world, with the seed and cameras that it has in `Varied`.
+    /// Every other sample is from a reflective world.
     HalfReflective,
 }
 
-/// Distance, in metres, below which a near scene's cameras look; about a fifth of all scenes are near.
-const NEAR_M: f64 = 1.5;
-
 impl TrainingWorlds {
-    /// A random training scene for sample `k`: its name, and its views with the central one first.
-    pub(super) fn scene(
-        self,
-        k: u64,
-        random: &mut SplitMix64,
-        (width, height): (u32, u32),
-    ) -> Result<(String, Vec<View>), DataError> {
-        let is_plain = k.is_multiple_of(2) || self == Self::Varied;
-        loop {
-            let seed = training_seed(random);
-            let id = format!("seed{seed}");
-            let world = match self {
-                Self::HalfReflective if !is_plain => WorldKind::Reflective,
-                _ => WorldKind::Varied,
-            };
-            let options = SyntheticOptions {
-                width,
-                height,
-                world,
-                ..SyntheticOptions::varied(seed)
-            };
-            let scene = SyntheticScene::new(options);
-            let scene = scene.map_err(|e| DataError::from(e).of_sample(&id))?;
-            if is_plain || self != Self::HalfNear || scene.looks_at_m() < NEAR_M {
-                return Ok((id, scene.views().to_vec()));
-            }
+    pub(super) fn of(self, k: u64) -> WorldKind {
+        match self {
+            Self::HalfReflective if k % 2 == 1 => WorldKind::Reflective,
+            _ => WorldKind::Varied,
         }
     }
 }
@@ -76,7 +49,7 @@ impl ProceduralSamples {
 impl Source<Sample> for ProceduralSamples {
     fn get(&self, k: u64) -> Result<Sample, DataError> {
         let mut random = draws(self.seed, k);
-        let (id, views) = self.worlds.scene(k, &mut random, self.size)?;
+        let (id, views) = scene(&mut random, self.size, self.worlds.of(k))?;
         let (source, target) = cameras(&mut random, views.len() as u64);
         pair(
             &id,
@@ -99,6 +72,24 @@ pub(super) fn cameras(random: &mut SplitMix64, count: u64) -> (u64, u64) {
 pub(super) fn training_seed(random: &mut SplitMix64) -> u64 {
     let (first, last) = TRAINING_SEEDS.into_inner();
     first + random.below(last - first + 1)
+}
+
+/// A random training scene: its name, and its views with the central one first.
+pub(super) fn scene(
+    random: &mut SplitMix64,
+    (width, height): (u32, u32),
+    world: WorldKind,
+) -> Result<(String, Vec<View>), DataError> {
+    let seed = training_seed(random);
+    let id = format!("seed{seed}");
+    let options = SyntheticOptions {
+        width,
+        height,
+        world,
+        ..SyntheticOptions::varied(seed)
+    };
+    let scene = SyntheticScene::new(options).map_err(|e| DataError::from(e).of_sample(&id))?;
+    Ok((id, scene.views().to_vec()))
 }
 
 /// Reads two views of a scene at the picture size of the training data.
