@@ -155,7 +155,7 @@ mod tests {
     fn captions_are_told_and_holes_are_not() {
         let is_box = |x: u32, y: u32| (8..88).contains(&x) && (4..20).contains(&y);
         let caption = |x: u32, y: u32, level: u8| match is_box(x, y) {
-            true => [0, 200][usize::from((x / 8) % 3 == 0)],
+            true => [0, 200][usize::from((x / 8).is_multiple_of(3))],
             false => level,
         };
         let said = told(caption);
