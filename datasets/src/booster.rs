@@ -66,6 +66,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         )
         .left_open(),
     ],
+    poses_are_matrices: false,
     open,
     required_files,
     archives: |_| vec!["booster_gt.zip".to_owned()],

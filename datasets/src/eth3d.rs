@@ -46,6 +46,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             ),
         ],
     )],
+    poses_are_matrices: false,
     open,
     required_files,
     archives,

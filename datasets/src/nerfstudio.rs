@@ -28,6 +28,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     page: "https://docs.nerf.studio/quickstart/data_conventions.html",
     layout: "transforms.json (or transforms_train.json) and the pictures it names",
     caveat: "the poses' unit is assumed to be metres; otherwise set scale=",
+    poses_are_matrices: true,
     settings: &[
         Setting::free("scale", "metres per unit of the poses", "1"),
         Setting::free(

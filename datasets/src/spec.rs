@@ -44,6 +44,9 @@ pub struct DatasetEntry {
     /// Available settings, for instance for different interpretations of the paper.
     #[serde(rename = "readings")]
     pub settings: &'static [Setting],
+    /// True if its files store poses as matrices, so that no order of quaternions can be wrong.
+    #[serde(skip)]
+    pub(crate) poses_are_matrices: bool,
     #[serde(skip)]
     pub(crate) open: fn(&DatasetSpec) -> Result<FoundScenes, DatasetError>,
     #[serde(skip)]
@@ -68,6 +71,7 @@ impl DatasetEntry {
         paper_overlap: PaperOverlap::Dense,
         caveat: "",
         settings: &[],
+        poses_are_matrices: false,
         open: |_| Ok(FoundScenes::default()),
         required_files: |_| Vec::new(),
         archives: |_| Vec::new(),

@@ -37,6 +37,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     paper_column: "WildRGBD",
     paper_overlap: PaperOverlap::Dense,
     caveat: "'validation split from nvs list in each scene' may mean scenes or frames",
+    poses_are_matrices: true,
     settings: &[Setting::choice(
         "split",
         "which scenes and frames of the nvs list",

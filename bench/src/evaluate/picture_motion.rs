@@ -127,8 +127,8 @@ struct Block {
     found: Option<(f64, bool)>,
     /// Its place in the source's photograph, if that is on the line.
     home: Option<f64>,
-    /// Whether each misread pose explains the picture while the true one does not; `None` if its place is
-    /// outside the picture.
+    /// For each misread pose, whether it explains the picture and the true pose does not; `None` if it projects the
+    /// block outside the picture.
     misread: [Option<bool>; 4],
 }
 

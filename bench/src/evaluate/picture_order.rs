@@ -79,7 +79,7 @@ pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
     compared
 }
 
-/// At most `most` of `count` indices, about evenly spaced. Equal distances could always lead to the same target.
+/// At most `most` of `count` indices, about evenly spaced. With equal distances, all could be of the same target.
 fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
     let n = count.min(most);
     (0..n).map(move |k| k * count / n + k % (count / n).max(1))
@@ -99,7 +99,8 @@ impl Thumbnails {
     }
 }
 
-/// Sets [`Record::shows`], [`Record::camera`] and [`Record::wrong_cells`] if the picture is in the sample and covers the whole target.
+/// Sets [`Record::shows`], [`Record::camera`] and [`Record::wrong_cells`] if the picture is in the sample and covers
+/// the whole target.
 pub(super) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,

@@ -6,6 +6,7 @@ use image::RgbImage;
 use image::imageops::thumbnail;
 
 use super::record::{Record, Status};
+use crate::pairs::valid_depth::median_of;
 
 /// Number of cells across and down.
 const GRID: [u32; 2] = [40, 30];
@@ -18,7 +19,7 @@ const FEWEST: [usize; 2] = [4, 3];
 /// Share of the pictures that must have the content.
 const AGREEING: f64 = 0.8;
 /// Minimum median difference of these targets from their median, levels: what is equal in them is not foreign.
-const TARGETS_DIFFER: u8 = 8;
+const TARGETS_DIFFER: f64 = 8.0;
 /// Minimum number of cells, and minimum share of the rectangle around them: other faults are scattered.
 const CELLS: (usize, f64) = (8, 0.4);
 /// Maximum share of all cells: pictures that are wrong everywhere have another cause.
@@ -26,7 +27,7 @@ const MOST: f64 = 0.5;
 /// Minimum contrast of the content, levels: holes and backgrounds have one colour.
 const CONTRAST: u8 = 24;
 
-/// A cell with its mean levels in the picture and in the target.
+/// Number of a cell, row by row, and its mean levels in the picture and in the target.
 pub(super) type Cell = (u16, u8, u8);
 
 /// Cells in which a picture differs from its target, with their mean levels.
@@ -43,7 +44,7 @@ pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<Cell> {
     wrong.map(|(cell, (own, seen))| (cell, own, seen)).collect()
 }
 
-/// A sentence for each dataset whose pictures have the same content somewhere.
+/// A warning for each dataset whose pictures share content that their targets do not show.
 pub(super) fn stamped_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let mut by_dataset: BTreeMap<&str, Vec<(&Record, &[Cell])>> = BTreeMap::new();
     for record in records.filter(|record| record.status == Status::Ok) {
@@ -73,11 +74,12 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
         levels.entry(*cell).or_default().push((*own, *seen));
     }
     let stamped = levels.into_iter().filter_map(|(cell, mut levels)| {
-        let own = median(levels.iter().map(|level| level.0))?;
+        let own = median_of(levels.iter().map(|level| level.0).collect())? as u8;
         levels.retain(|level| level.0.abs_diff(own) <= EQUAL);
-        let seen = median(levels.iter().map(|level| level.1))?;
-        let apart = median(levels.iter().map(|level| level.1.abs_diff(seen)))?;
-        let is_stamped = levels.len() as f64 >= AGREEING * all as f64 && apart >= TARGETS_DIFFER;
+        let seen = median_of(levels.iter().map(|level| level.1).collect())? as u8;
+        let apart = levels.iter().map(|level| level.1.abs_diff(seen));
+        let is_stamped = levels.len() as f64 >= AGREEING * all as f64
+            && median_of(apart.collect())? >= TARGETS_DIFFER;
         is_stamped.then_some((u32::from(cell), own))
     });
     let stamped: Vec<(u32, u8)> = stamped.collect();
@@ -110,12 +112,6 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
          the {all} compared of {dataset}; store the pictures without it",
         100.0 * share
     ))
-}
-
-fn median(levels: impl Iterator<Item = u8>) -> Option<u8> {
-    let mut levels: Vec<u8> = levels.collect();
-    levels.sort_unstable();
-    levels.get(levels.len() / 2).copied()
 }
 
 #[cfg(test)]

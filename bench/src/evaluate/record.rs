@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::finding::{PictureChange, ShownCamera, ShownTarget};
+use super::picture_stamp::Cell;
 use crate::scoring::Region;
 
 /// Outcome of a unit.
@@ -110,10 +111,9 @@ pub struct Record {
     /// The camera that the stored picture shows, if it could be measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<ShownCamera>,
-    /// Cells of a grid in which the stored picture differs from the target, with the levels of both, if they were
-    /// compared.
+    /// Cells of a grid in which the stored picture differs from its target; `None` if they were not compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub wrong_cells: Option<Vec<(u16, u8, u8)>>,
+    pub wrong_cells: Option<Vec<Cell>>,
     /// A note on the rendering rule of the Gaussians, if it was stated neither by the file nor by
     /// the user.
     #[serde(default, skip_serializing_if = "Option::is_none")]

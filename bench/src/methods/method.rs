@@ -301,7 +301,7 @@ pub trait Method: Send + Sync {
         Vec::new()
     }
 
-    /// Files other than the two views that the prediction for this pair depends on.
+    /// Files that the prediction for this pair depends on, apart from the pair's own.
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())
     }

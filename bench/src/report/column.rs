@@ -87,7 +87,7 @@ pub struct Column {
     pub direction: Option<Direction>,
     /// How the number is computed, including everything that affects its value.
     pub convention: String,
-    /// Network and SHA-256 of its weights, if they are not the published ones.
+    /// Name of the network and SHA-256 of its weights; given only for weights other than the published ones.
     pub stand_in: Option<String>,
 }
 

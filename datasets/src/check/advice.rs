@@ -10,7 +10,7 @@ use crate::{DatasetSpec, View};
 /// Plausible range of scene depths, in metres.
 pub(super) const DEPTHS_M: (f64, f64) = (0.05, 2000.0);
 
-/// A dataset's settings for units, whether it has one for masks, and how it stores poses.
+/// What is known of a dataset from its spec: settings for units, whether it has one for masks, and how it stores poses.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
     /// Metres per unit of the poses; `None` if not set.
@@ -21,8 +21,7 @@ pub struct Units {
     is_of_points: bool,
     /// True if a setting says which side of masks is kept.
     has_mask_sides: bool,
-    /// True if poses are stored as matrices, not as quaternions.
-    pub(super) are_matrices: bool,
+    pub(super) poses_are_matrices: bool,
 }
 
 impl Units {
@@ -34,7 +33,7 @@ impl Units {
             depth_unit: value("depth-unit").filter(|_| !is_of_points),
             is_of_points,
             has_mask_sides: spec.has_mask_sides(),
-            are_matrices: matches!(spec.entry.format, "nerfstudio" | "wildrgbd"),
+            poses_are_matrices: spec.entry.poses_are_matrices,
         }
     }
 

@@ -140,8 +140,8 @@ const ROTATION_TRANSPOSED: &str = "the poses' rotations transposed";
 
 /// All conventions except the one that the dataset reader assumes. Orders of quaternions are included unless the
 /// dataset stores its poses as matrices.
-pub(super) fn alternatives(are_matrices: bool) -> impl Iterator<Item = &'static Convention> {
-    let reordered = REORDERED.iter().filter(move |_| !are_matrices);
+pub(super) fn alternatives(poses_are_matrices: bool) -> impl Iterator<Item = &'static Convention> {
+    let reordered = REORDERED.iter().filter(move |_| !poses_are_matrices);
     let axes = CONVENTIONS[1..].iter().chain(&MIRRORED);
     let places = axes.chain(&EXCHANGED_PLACES);
     let turned = TRANSPOSED.iter().chain(&TURNED).chain(&BODIES);
@@ -224,8 +224,8 @@ mod tests {
 
     #[test]
     fn matrices_have_no_order_of_quaternions() {
-        let reordered = |are_matrices| {
-            let all = alternatives(are_matrices);
+        let reordered = |poses_are_matrices| {
+            let all = alternatives(poses_are_matrices);
             all.filter(|one| one.name.contains("quaternion")).count()
         };
         assert_eq!((reordered(true), reordered(false)), (0, 4));

@@ -14,7 +14,7 @@ use super::explained::{DepthIs, Explained, Reading};
 use super::features::exchanged_focals;
 use super::neighbours::Neighbours;
 use super::plausible::{self, ONE_ROTATION, have_one_rotation};
-use super::search::{is_worth_a_word, least};
+use super::search::{is_reportable, least};
 use super::small_view::{FLIPS, Part, SmallView, WIDEST};
 
 /// Number of steps in each direction in the search for the principal point.
@@ -50,7 +50,7 @@ impl Neighbours<'_> {
         let mut fitted = |reading: &Reading, change: Change| {
             all.push((change, self.explained(reading, self.stride)));
         };
-        for convention in alternatives(units.are_matrices) {
+        for convention in alternatives(units.poses_are_matrices) {
             let reading = Reading {
                 take: convention.take,
                 ..Reading::AS_READ
@@ -66,7 +66,7 @@ impl Neighbours<'_> {
             let scale = self.fit(50, 10_f64.powf(0.1), &with);
             if depth == DepthIs::Inverse {
                 fitted(&with(scale), Change::Inverse(scale));
-            } else if is_worth_a_word(scale) {
+            } else if is_reportable(scale) {
                 fitted(&with(scale), Change::Scale(scale));
             }
         }
@@ -78,7 +78,7 @@ impl Neighbours<'_> {
             // Calibrations for pictures four times as large or as small are common.
             let n = if which == Focal::Both { 42 } else { 20 };
             let factor = self.fit(n, 1.035, &with);
-            if is_worth_a_word(factor) {
+            if is_reportable(factor) {
                 fitted(&with(factor), Change::Focal(which, factor));
             }
         }
@@ -88,7 +88,7 @@ impl Neighbours<'_> {
             ..Reading::AS_READ
         };
         let factor = self.fit(20, 1.035, &|factor| with_bend(bent(factor)));
-        if is_worth_a_word(factor) {
+        if is_reportable(factor) {
             let bend = bent(factor);
             fitted(&with_bend(bend), Change::Bent(bend));
         }
@@ -116,7 +116,7 @@ impl Neighbours<'_> {
         let factor = self.fit(20, 1.035, &|factor| {
             with_depth(DepthIs::Short(short(factor)))
         });
-        if is_worth_a_word(factor) {
+        if is_reportable(factor) {
             let by = short(factor);
             fitted(&with_depth(DepthIs::Short(by)), Change::Short(by));
         }

@@ -10,7 +10,7 @@ use super::change::Change;
 use super::compare::{LEAST_GAIN_OF_VIEWS, forward, is_better, mean_loss};
 use super::explained::{Explained, Reading};
 use super::neighbours::Neighbours;
-use super::search::{is_worth_a_word, least};
+use super::search::{is_reportable, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView};
 
 /// Maximum remaining loss, as a multiple of the loss between the surrounding views.
@@ -127,7 +127,7 @@ impl Neighbours<'_> {
             scaled
         };
         let factor = least(20, 1.2, &|factor, _| loss(&scaled(factor)));
-        if is_worth_a_word(factor) {
+        if is_reportable(factor) {
             let what = format!("its depth should be multiplied by {}", number(factor));
             changed.push((what, scaled(factor)));
         }

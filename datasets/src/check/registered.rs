@@ -6,7 +6,7 @@ use super::change::Change;
 use super::compare::{forward, mean_loss};
 use super::explained::{Explained, Reading, Registration};
 use super::neighbours::Neighbours;
-use super::search::is_worth_a_word;
+use super::search::is_reportable;
 
 /// Offset that is tried first, in widths of the picture. If neither this offset nor [`PROBED_ZOOM`] fits better, the
 /// depth maps are aligned with the photographs, and no search follows.
@@ -78,7 +78,7 @@ impl Neighbours<'_> {
                 }),
             };
         }
-        if !is_worth_a_word(found.zoom) {
+        if !is_reportable(found.zoom) {
             found.zoom = 1.0;
         }
         if found.off.length() < LEAST_OFF {

@@ -3,7 +3,7 @@
 /// Minimum factor that is reported; factors closer to 1 are ignored.
 const LEAST_FACTOR: f64 = 1.03;
 
-pub(super) fn is_worth_a_word(factor: f64) -> bool {
+pub(super) fn is_reportable(factor: f64) -> bool {
     factor.ln().abs() > LEAST_FACTOR.ln()
 }
 

@@ -7,7 +7,7 @@ use super::change::{Change, Focal};
 use super::compare::{LEAST_GAIN_OF_VIEWS, forward, landed, mean_loss};
 use super::explained::{Explained, Reading};
 use super::neighbours::Neighbours;
-use super::search::{is_worth_a_word, least};
+use super::search::{is_reportable, least};
 
 /// A quantity that may differ by a factor: its name; the number of factors tried in each direction and the ratio
 /// between consecutive ones; and the interpretation for given factors of two views, the projected one first.
@@ -70,7 +70,7 @@ impl Neighbours<'_> {
             }
         });
         let (views, explained) = chosen(factor, &as_read[1], self.stride);
-        if !is_worth_a_word(factor) || views.is_empty() {
+        if !is_reportable(factor) || views.is_empty() {
             return None;
         }
         let (others, otherwise) = chosen(1.0 / factor, &as_read[1], self.stride);

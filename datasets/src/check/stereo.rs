@@ -8,7 +8,7 @@ use super::advice::{DEPTHS_M, number};
 use super::compare::{LEAST_GAIN, is_better, landed, mean_loss};
 use super::explained::{COLOUR_SCALE, Explained, TILES};
 use super::features::Matches;
-use super::search::{is_worth_a_word, least};
+use super::search::{is_reportable, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView, WIDEST};
 use super::{Effort, block_match, calibration};
 use crate::View;
@@ -351,7 +351,7 @@ impl Pair {
         if is_cause(self, &reciprocal, &|d| product / (times * d) - offset) {
             readings.push((how, reciprocal));
         }
-        if is_worth_a_word(factor) && is_cause(self, &scaled, &|d| factor * d) {
+        if is_reportable(factor) && is_cause(self, &scaled, &|d| factor * d) {
             let how = format!(
                 "disparities should be multiplied by {}: they are for another picture size or in another unit; \
                  rescale them{}",

@@ -110,6 +110,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             ],
         ).left_open(),
     ],
+    poses_are_matrices: false,
     open,
     required_files,
     archives: |photo| vec![format!("scene {}", photo.scene_name())],

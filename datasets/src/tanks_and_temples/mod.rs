@@ -45,6 +45,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     paper_column: "Tanks and Temples",
     paper_overlap: PaperOverlap::Sparse,
     caveat: "intrinsics were never published: add a COLMAP model, or accept a guess with intrinsics=0.7w or 0.6w",
+    poses_are_matrices: true,
     settings: &[
         Setting::choice(
             "intrinsics",

@@ -145,8 +145,8 @@ fn folder_of(path: &Path) -> PathBuf {
 }
 
 /// The views that the reader finds, by scene and view, with the depth and masks that a `transforms.json` lists or that
-/// are named like their picture. Empty for an incomplete dataset, which cannot be opened yet. Stereo pairs are
-/// excluded, because the layout lists all their files; for the right view, only the picture is needed.
+/// are named like their picture. Empty for an incomplete dataset, which cannot be opened yet. Stereo pairs are left out:
+/// their layout already lists every file that is needed.
 fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     let multi_view = scenes
         .iter()

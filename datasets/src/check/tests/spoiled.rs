@@ -1158,3 +1158,17 @@ fn depth_between_two_planes_is_named() {
         );
     }
 }
+
+/// No other view decides which of two has the wrong focal length.
+#[test]
+fn either_of_two_views_may_be_wrong() {
+    let mut wrong = views(0, SIZE)[..2].to_vec();
+    zoom(&mut wrong[1], 1.3);
+    let said = super::found(&wrong, QUICK);
+    assert!(
+        said.len() == 1
+            && said[0].contains("its focal length times")
+            && said[0].contains("(or that of view_0"),
+        "{said:?}"
+    );
+}

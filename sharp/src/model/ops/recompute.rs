@@ -1,5 +1,5 @@
-//! Parts of a network that are computed a second time in the backward pass, so that their intermediate tensors need not be
-//! kept until then.
+//! Parts of a network that are computed again in the backward pass, so that their intermediate tensors are not kept until
+//! then.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -1,6 +1,8 @@
 //! Check without depth: tests whether features that match between neighbouring views lie on each other's epipolar
 //! lines, in front of both cameras, and whether another interpretation of the poses explains them better.
 
+mod focals;
+
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,15 +11,16 @@ use sharp::camera::{Intrinsics, RigidTransform};
 
 use super::Effort;
 use super::advice::{self, Units};
-use super::change::{Change, Focal, Moves};
+use super::change::{Change, Moves};
 use super::convention::{CONVENTIONS, alternatives};
 use super::floor::Residual;
 use super::neighbours::Neighbours;
 use super::orders::{is_one_to_one, neighbours, orders, thinned};
-use super::search::{is_worth_a_word, least};
 use super::small_view::{Grey, SmallView, ray};
 use crate::View;
 use crate::view::evenly_spaced;
+
+pub(super) use focals::exchanged_focals;
 
 /// Maximum width to which views are reduced.
 const WIDEST: u32 = 192;
@@ -48,20 +51,9 @@ const LEAST_ERRORS: f64 = 4.0;
 const MOST_TRIED: usize = 48;
 /// Minimum fraction of matches that the poses of other views must explain to be reported.
 const LEAST_ELSEWHERE: f64 = 0.75;
-/// Minimum fraction of matches that other focal lengths must explain to be reported.
-const LEAST_OF_FOCALS: f64 = 0.85;
-/// Number of focal lengths tried in each direction, up to a factor of 2, and the ratio between consecutive ones.
-const FOCALS: (i32, f64) = (20, 1.0353);
-/// Maximum difference of the fraction of matches explained by square pixels and by the best factor of fx or fy alone.
-const SQUARE: f64 = 0.03;
-/// Changes of focal lengths that explain far fewer matches where focal lengths can be judged.
-const OTHER_FOCALS: [f64; 2] = [0.8, 1.25];
 /// Maximum fraction of matches that the pictures' own poses may explain if the poses of other views are reported. Above
 /// this, the pictures' own poses may merely be imprecise, and one of many alternatives may fit better by chance.
 const MOST_AS_READ: f64 = 0.5;
-
-/// Focal lengths whose relative difference is smaller are considered equal.
-const SAME: f64 = 0.02;
 
 /// Two views whose poses fit two pictures, a description, and the matches that they explain.
 type Elsewhere = ((usize, usize), String, Vec<Option<bool>>);
@@ -108,14 +100,7 @@ impl<'a> Matches<'a> {
     pub(super) fn note(&self) -> String {
         let explained = self.explained(CONVENTIONS[0].take, &Some);
         let (n, share) = (self.matches.len(), share(&explained));
-        let is_as_good = |times: DVec2| {
-            let other = self.with_focals(|_| times);
-            self::share(&other.explained(CONVENTIONS[0].take, &Some)) > share - LEAST_MORE
-        };
-        let mut others = Focal::ALL
-            .iter()
-            .flat_map(|which| OTHER_FOCALS.map(|by| which.times(by)));
-        let unjudged = match share >= LEAST_SHARE && others.any(is_as_good) {
+        let unjudged = match share >= LEAST_SHARE && self.leaves_focals_open(share) {
             true => ", from which focal lengths cannot be judged",
             false => "",
         };
@@ -136,7 +121,7 @@ impl<'a> Matches<'a> {
             return None;
         }
         let as_read = self.explained(CONVENTIONS[0].take, &Some);
-        let conventions = alternatives(units.are_matrices).map(|convention| {
+        let conventions = alternatives(units.poses_are_matrices).map(|convention| {
             let change = Change::Convention(convention.name);
             (change, self.explained(convention.take, &Some))
         });
@@ -195,67 +180,6 @@ impl<'a> Matches<'a> {
             residual.misses.sort_by(f64::total_cmp);
         }
         all.into_values().collect()
-    }
-
-    /// The same matches with the focal lengths of each view multiplied by these factors.
-    fn with_focals(&self, factors: impl Fn(usize) -> DVec2) -> Self {
-        let cameras = self.cameras.iter().map(|(i, k)| {
-            let (fx, fy) = (k.fx * factors(*i).x, k.fy * factors(*i).y);
-            (*i, Intrinsics { fx, fy, ..*k })
-        });
-        Self {
-            cameras: cameras.collect(),
-            matches: self.matches.clone(),
-            ..*self
-        }
-    }
-
-    /// Tries exchanging the focal lengths of two kinds of views.
-    fn exchanged_cameras(&self) -> Option<(Change, Vec<Option<bool>>)> {
-        let (text, factors) = exchanged_focals(self.views)?;
-        let other = self.with_focals(|i| factors[i]);
-        let explained = other.explained(CONVENTIONS[0].take, &Some);
-        Some((Change::Cameras(text), explained))
-    }
-
-    /// The common factor of focal lengths that explains the matches significantly better, and nearly all of them. Of
-    /// several, the one with the most nearly square pixels.
-    fn other_focal(&self, as_read: &[Option<bool>]) -> Option<(Change, Vec<Option<bool>>)> {
-        let first = self.cameras.values().next()?;
-        let found = Focal::ALL.iter().filter_map(|which| {
-            let with = |factor| self.with_focals(|_| which.times(factor));
-            let explained = |factor| with(factor).explained(CONVENTIONS[0].take, &Some);
-            let best = least(FOCALS.0, FOCALS.1, &|factor, _| with(factor).mean_miss());
-            // One focal length alone is measured less exactly, but usually equals the other.
-            let square = match which {
-                Focal::Both => best,
-                Focal::X => first.fy / first.fx,
-                Focal::Y => first.fx / first.fy,
-            };
-            let is_square = share(&explained(square)) >= share(&explained(best)) - SQUARE;
-            let factor = if is_square { square } else { best };
-            let explained = explained(factor);
-            let is_better = is_worth_a_word(factor)
-                && share(&explained) >= LEAST_OF_FOCALS
-                && compared(as_read, &explained).is_some();
-            let times = which.times(factor);
-            let stretch = (first.fx * times.x / (first.fy * times.y)).ln().abs();
-            is_better.then_some((stretch, (Change::Focal(*which, factor), explained)))
-        });
-        let best = found.min_by(|a, b| a.0.total_cmp(&b.0));
-        best.map(|(_, best)| best)
-    }
-
-    /// Mean distance of matches from their epipolar lines, as a fraction of [`CLOSE`], with 1 for larger distances.
-    fn mean_miss(&self) -> f64 {
-        let pose = |i: usize| &self.views[i].camera_from_world;
-        let misses = self.matches.iter().map(|(i, a, b)| {
-            let other_from_one = pose(i + 1).after(&pose(*i).inverse());
-            let (one, other) = (&self.cameras[i], &self.cameras[&(i + 1)]);
-            let near = CLOSE * pixel(other);
-            (miss(&other_from_one, (ray(one, *a), ray(other, *b)), near) / near).min(1.0)
-        });
-        misses.sum::<f64>() / self.matches.len().max(1) as f64
     }
 
     /// Evidence that the two pictures of a pair are exchanged, if it is significant.
@@ -347,28 +271,6 @@ impl<'a> Matches<'a> {
         };
         self.matches.iter().map(is_explained).collect()
     }
-}
-
-/// If the views have exactly two focal lengths, a description of their exchange and each view's factors.
-pub(super) fn exchanged_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
-    let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
-    let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < SAME;
-    let one = views.first()?;
-    let two = views
-        .iter()
-        .find(|view| !is_same(focal(view), focal(one)))?;
-    let kinds = [one, two].map(focal);
-    let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
-    let factor = |view: &View| kinds[usize::from(is_same(focal(view), kinds[0]))] / focal(view);
-    let text = format!(
-        "the focal lengths of {} ({} pixels) and {} ({}), and of views like them, appear to be exchanged",
-        one.id,
-        advice::number(kinds[0].x),
-        two.id,
-        advice::number(kinds[1].x)
-    );
-    let has_two = views.iter().all(is_known);
-    has_two.then(|| (text, views.iter().map(factor).collect()))
 }
 
 fn share(explained: &[Option<bool>]) -> f64 {
@@ -560,8 +462,6 @@ mod tests {
     use crate::check::tests::views;
     use crate::check::{QUICK, THOROUGH};
 
-    use glam::DMat3;
-
     const SIZE: (u32, u32) = (256, 192);
 
     #[test]
@@ -609,75 +509,6 @@ mod tests {
                 );
             }
         }
-    }
-
-    /// Matches of views whose camera moves sideways or, if `forward`, ahead, and turns by `turn` from view to view.
-    fn moving(views: &mut [View], turn: f64, forward: bool) -> Vec<(usize, DVec2, DVec2)> {
-        for (i, view) in views.iter_mut().enumerate() {
-            let at = i as f64;
-            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
-            view.camera_from_world = RigidTransform {
-                rotation: DMat3::from_rotation_x(turn * sign) * DMat3::from_rotation_y(turn * at),
-                translation: match forward {
-                    true => DVec3::new(0.0, 0.0, -0.2 * at),
-                    false => DVec3::new(0.2 * at, 0.1 * sign, 0.0),
-                },
-            };
-        }
-        let random =
-            |seed: usize| f64::from((seed as u32).wrapping_mul(2_654_435_761) >> 8) / 16_777_216.0;
-        let all = (0..views.len() - 1).flat_map(|i| (0..60).map(move |k| (i, 180 * i + 3 * k)));
-        let all = all.filter_map(|(i, seed)| {
-            let (view, next) = (&views[i], &views[i + 1]);
-            let size = DVec2::new(view.intrinsics.width.into(), view.intrinsics.height.into());
-            let from = size * DVec2::new(random(seed), random(seed + 1));
-            let point = view
-                .intrinsics
-                .unproject(from, 2.0 + 4.0 * random(seed + 2));
-            let point = next
-                .camera_from_world
-                .after(&view.camera_from_world.inverse())
-                .apply(point);
-            let to = next.intrinsics.project(point)?;
-            next.intrinsics.contains(to).then_some((i, from, to))
-        });
-        all.collect()
-    }
-
-    #[test]
-    fn focal_lengths_are_named_where_features_tell_them() {
-        let mut views = views(0, SIZE);
-        let matches = moving(&mut views, 0.12, false);
-        let read = |matches: &[(usize, DVec2, DVec2)], views: &[View], times: DVec2| {
-            let cameras = views.iter().map(|view| view.intrinsics).enumerate();
-            let right = Matches {
-                views,
-                cameras: cameras.collect(),
-                matches: matches.to_vec(),
-            };
-            let wrong = right.with_focals(|_| times);
-            (wrong.contradiction(Units::default()), wrong.note())
-        };
-        let (said, note) = read(&matches, &views, DVec2::ONE);
-        assert!(said.is_none() && note.ends_with("lines"), "{said:?} {note}");
-        for which in Focal::ALL {
-            for factor in [0.5, 0.75, 1.25, 2.0] {
-                let (said, _) = read(&matches, &views, which.times(factor));
-                let name = ["the focal length", "fx", "fy"][which as usize];
-                let part = format!("{name} should be {} times", advice::number(1.0 / factor));
-                assert!(
-                    said.as_ref().is_some_and(|said| said.contains(&part)),
-                    "{part}: {said:?}"
-                );
-            }
-        }
-        // Straight ahead, every focal length fits.
-        let matches = moving(&mut views, 0.0, true);
-        let (said, note) = read(&matches, &views, DVec2::splat(1.5));
-        assert!(
-            said.is_none() && note.ends_with("cannot be judged"),
-            "{said:?} {note}"
-        );
     }
 
     #[test]

@@ -1,0 +1,203 @@
+//! Focal lengths that put matching features on each other's epipolar lines.
+
+use glam::DVec2;
+use sharp::camera::Intrinsics;
+
+use super::super::advice::number;
+use super::super::change::{Change, Focal};
+use super::super::convention::CONVENTIONS;
+use super::super::search::{is_reportable, least};
+use super::super::small_view::ray;
+use super::{CLOSE, LEAST_MORE, Matches, compared, miss, pixel, share};
+use crate::View;
+
+/// Minimum fraction of matches that other focal lengths must explain to be reported.
+const LEAST_OF_FOCALS: f64 = 0.85;
+/// Number of focal lengths tried in each direction, up to a factor of 2, and the ratio between consecutive ones.
+const FOCALS: (i32, f64) = (20, 1.0353);
+/// Maximum difference of the fraction of matches explained by square pixels and by the best factor of fx or fy alone.
+const SQUARE: f64 = 0.03;
+/// Changes of focal lengths that explain far fewer matches where focal lengths can be judged.
+const OTHER_FOCALS: [f64; 2] = [0.8, 1.25];
+/// Focal lengths whose relative difference is smaller are considered equal.
+const SAME: f64 = 0.02;
+
+impl Matches<'_> {
+    /// The same matches with the focal lengths of each view multiplied by these factors.
+    fn with_focals(&self, factors: impl Fn(usize) -> DVec2) -> Self {
+        let cameras = self.cameras.iter().map(|(i, k)| {
+            let (fx, fy) = (k.fx * factors(*i).x, k.fy * factors(*i).y);
+            (*i, Intrinsics { fx, fy, ..*k })
+        });
+        Self {
+            cameras: cameras.collect(),
+            matches: self.matches.clone(),
+            ..*self
+        }
+    }
+
+    /// Tries exchanging the focal lengths of two kinds of views.
+    pub(super) fn exchanged_cameras(&self) -> Option<(Change, Vec<Option<bool>>)> {
+        let (text, factors) = exchanged_focals(self.views)?;
+        let other = self.with_focals(|i| factors[i]);
+        let explained = other.explained(CONVENTIONS[0].take, &Some);
+        Some((Change::Cameras(text), explained))
+    }
+
+    /// The common factor of focal lengths that explains the matches significantly better, and nearly all of them. Of
+    /// several, the one with the most nearly square pixels.
+    pub(super) fn other_focal(
+        &self,
+        as_read: &[Option<bool>],
+    ) -> Option<(Change, Vec<Option<bool>>)> {
+        let first = self.cameras.values().next()?;
+        let found = Focal::ALL.iter().filter_map(|which| {
+            let with = |factor| self.with_focals(|_| which.times(factor));
+            let explained = |factor| with(factor).explained(CONVENTIONS[0].take, &Some);
+            let best = least(FOCALS.0, FOCALS.1, &|factor, _| with(factor).mean_miss());
+            // One focal length alone is measured less exactly, but usually equals the other.
+            let square = match which {
+                Focal::Both => best,
+                Focal::X => first.fy / first.fx,
+                Focal::Y => first.fx / first.fy,
+            };
+            let is_square = share(&explained(square)) >= share(&explained(best)) - SQUARE;
+            let factor = if is_square { square } else { best };
+            let explained = explained(factor);
+            let is_better = is_reportable(factor)
+                && share(&explained) >= LEAST_OF_FOCALS
+                && compared(as_read, &explained).is_some();
+            let times = which.times(factor);
+            let stretch = (first.fx * times.x / (first.fy * times.y)).ln().abs();
+            is_better.then_some((stretch, (Change::Focal(*which, factor), explained)))
+        });
+        let best = found.min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map(|(_, best)| best)
+    }
+
+    /// Mean distance of matches from their epipolar lines, as a fraction of [`CLOSE`], with 1 for larger distances.
+    fn mean_miss(&self) -> f64 {
+        let pose = |i: usize| &self.views[i].camera_from_world;
+        let misses = self.matches.iter().map(|(i, a, b)| {
+            let other_from_one = pose(i + 1).after(&pose(*i).inverse());
+            let (one, other) = (&self.cameras[i], &self.cameras[&(i + 1)]);
+            let near = CLOSE * pixel(other);
+            (miss(&other_from_one, (ray(one, *a), ray(other, *b)), near) / near).min(1.0)
+        });
+        misses.sum::<f64>() / self.matches.len().max(1) as f64
+    }
+
+    /// True if focal lengths that are clearly wrong would explain about as many matches: the fraction `share`.
+    pub(super) fn leaves_focals_open(&self, share: f64) -> bool {
+        let mut others = Focal::ALL
+            .iter()
+            .flat_map(|which| OTHER_FOCALS.map(|by| which.times(by)));
+        others.any(|times| {
+            let other = self.with_focals(|_| times);
+            self::share(&other.explained(CONVENTIONS[0].take, &Some)) > share - LEAST_MORE
+        })
+    }
+}
+
+/// If the views have exactly two focal lengths, a description of their exchange and each view's factors.
+pub(in crate::check) fn exchanged_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
+    let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
+    let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < SAME;
+    let one = views.first()?;
+    let two = views
+        .iter()
+        .find(|view| !is_same(focal(view), focal(one)))?;
+    let kinds = [one, two].map(focal);
+    let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
+    let factor = |view: &View| kinds[usize::from(is_same(focal(view), kinds[0]))] / focal(view);
+    let text = format!(
+        "the focal lengths of {} ({} pixels) and {} ({}), and of views like them, appear to be exchanged",
+        one.id,
+        number(kinds[0].x),
+        two.id,
+        number(kinds[1].x)
+    );
+    let has_two = views.iter().all(is_known);
+    has_two.then(|| (text, views.iter().map(factor).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+    use sharp::camera::RigidTransform;
+
+    use super::*;
+    use crate::check::advice::Units;
+    use crate::check::tests::views;
+
+    const SIZE: (u32, u32) = (256, 192);
+
+    /// Matches of views whose camera moves sideways or, if `forward`, ahead, and turns by `turn` from view to view.
+    fn moving(views: &mut [View], turn: f64, forward: bool) -> Vec<(usize, DVec2, DVec2)> {
+        for (i, view) in views.iter_mut().enumerate() {
+            let at = i as f64;
+            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+            view.camera_from_world = RigidTransform {
+                rotation: DMat3::from_rotation_x(turn * sign) * DMat3::from_rotation_y(turn * at),
+                translation: match forward {
+                    true => DVec3::new(0.0, 0.0, -0.2 * at),
+                    false => DVec3::new(0.2 * at, 0.1 * sign, 0.0),
+                },
+            };
+        }
+        let random =
+            |seed: usize| f64::from((seed as u32).wrapping_mul(2_654_435_761) >> 8) / 16_777_216.0;
+        let all = (0..views.len() - 1).flat_map(|i| (0..60).map(move |k| (i, 180 * i + 3 * k)));
+        let all = all.filter_map(|(i, seed)| {
+            let (view, next) = (&views[i], &views[i + 1]);
+            let size = DVec2::new(view.intrinsics.width.into(), view.intrinsics.height.into());
+            let from = size * DVec2::new(random(seed), random(seed + 1));
+            let point = view
+                .intrinsics
+                .unproject(from, 2.0 + 4.0 * random(seed + 2));
+            let point = next
+                .camera_from_world
+                .after(&view.camera_from_world.inverse())
+                .apply(point);
+            let to = next.intrinsics.project(point)?;
+            next.intrinsics.contains(to).then_some((i, from, to))
+        });
+        all.collect()
+    }
+
+    #[test]
+    fn focal_lengths_are_named_where_features_tell_them() {
+        let mut views = views(0, SIZE);
+        let matches = moving(&mut views, 0.12, false);
+        let read = |matches: &[(usize, DVec2, DVec2)], views: &[View], times: DVec2| {
+            let cameras = views.iter().map(|view| view.intrinsics).enumerate();
+            let right = Matches {
+                views,
+                cameras: cameras.collect(),
+                matches: matches.to_vec(),
+            };
+            let wrong = right.with_focals(|_| times);
+            (wrong.contradiction(Units::default()), wrong.note())
+        };
+        let (said, note) = read(&matches, &views, DVec2::ONE);
+        assert!(said.is_none() && note.ends_with("lines"), "{said:?} {note}");
+        for which in Focal::ALL {
+            for factor in [0.5, 0.75, 1.25, 2.0] {
+                let (said, _) = read(&matches, &views, which.times(factor));
+                let name = ["the focal length", "fx", "fy"][which as usize];
+                let part = format!("{name} should be {} times", number(1.0 / factor));
+                assert!(
+                    said.as_ref().is_some_and(|said| said.contains(&part)),
+                    "{part}: {said:?}"
+                );
+            }
+        }
+        // Straight ahead, every focal length fits.
+        let matches = moving(&mut views, 0.0, true);
+        let (said, note) = read(&matches, &views, DVec2::splat(1.5));
+        assert!(
+            said.is_none() && note.ends_with("cannot be judged"),
+            "{said:?} {note}"
+        );
+    }
+}
