@@ -1,14 +1,16 @@
 //! `analyze`: the paper's explanatory experiments.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::{Args, Subcommand};
-use serde_json::{Value, json};
-use sharp_metrics::Scorer;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use sharp_metrics::{MetricInfo, Scorer};
 
 use super::metrics::demand_explicit;
-use super::output::Terminal;
+use super::output::{Terminal, Written};
 use super::{Outcome, output};
 use crate::analyze::translation::{Comparison, Experiment, Shifts, figure, strip, table};
 use crate::config::MetricConfig;
@@ -93,13 +95,58 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
         Some(folder) => write(&experiment, &name, args.shifts.are_the_papers(), folder)?,
         None => Vec::new(),
     };
-    if args.json {
-        output::json(&to_json(&experiment, &scorer, args, &written))?;
-        return Ok(Outcome::Done);
-    }
-    output::line(table::table(&experiment, &name).text().trim_end())?;
-    output::wrote(&written)?;
+    let (width, height) = experiment.reference.dimensions();
+    let measured = Sensitivity {
+        image: args.image.display().to_string(),
+        window: [width, height],
+        comparisons: experiment.comparisons.iter().map(Compared::new).collect(),
+        metrics: scorer.info(),
+        written: Written::new(&written),
+        table: table::table(&experiment, &name).text(),
+    };
+    output::print(&measured, args.json)?;
     Ok(Outcome::Done)
+}
+
+#[derive(Serialize)]
+struct Sensitivity {
+    image: String,
+    /// Width and height of the compared part, pixels.
+    window: [u32; 2],
+    comparisons: Vec<Compared>,
+    metrics: Vec<MetricInfo>,
+    #[serde(flatten)]
+    written: Written,
+    #[serde(skip)]
+    table: String,
+}
+
+#[derive(Serialize)]
+struct Compared {
+    comparison: String,
+    shift_percent: Option<f64>,
+    shift_px: Option<f64>,
+    scores: Map<String, Value>,
+    unavailable: Map<String, Value>,
+}
+
+impl Compared {
+    fn new(comparison: &Comparison) -> Self {
+        let [scores, unavailable] = json_scores(&comparison.scores);
+        Self {
+            comparison: comparison.label(),
+            shift_percent: comparison.shift.map(|(percent, _)| percent),
+            shift_px: comparison.shift.map(|(_, pixels)| pixels),
+            scores,
+            unavailable,
+        }
+    }
+}
+
+impl Display for Sensitivity {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{}\n{}", self.table.trim_end(), self.written)
+    }
 }
 
 /// Writes the table, the figure and the pictures; returns the files' paths.
@@ -133,30 +180,4 @@ fn write(
         written.push(path);
     }
     Ok(written)
-}
-
-fn to_json(
-    experiment: &Experiment,
-    scorer: &Scorer,
-    args: &TranslationArgs,
-    written: &[PathBuf],
-) -> Value {
-    let comparison = |c: &Comparison| {
-        let [scores, unavailable] = json_scores(&c.scores);
-        json!({
-            "comparison": c.label(),
-            "shift_percent": c.shift.map(|(percent, _)| percent),
-            "shift_px": c.shift.map(|(_, pixels)| pixels),
-            "scores": scores,
-            "unavailable": unavailable,
-        })
-    };
-    let (width, height) = experiment.reference.dimensions();
-    json!({
-        "image": args.image.display().to_string(),
-        "window": [width, height],
-        "comparisons": experiment.comparisons.iter().map(comparison).collect::<Vec<_>>(),
-        "metrics": scorer.info(),
-        "files": output::names(written),
-    })
 }

@@ -1,9 +1,10 @@
 //! `bundle RUN`: packs the scores of a run into one small file.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::json;
+use serde::Serialize;
 
 use super::{Outcome, output};
 use crate::evaluate::write_bundle;
@@ -30,25 +31,37 @@ pub(super) struct BundleArgs {
     json: bool,
 }
 
+#[derive(Serialize)]
+struct Packed {
+    out: String,
+    sha256: String,
+    bytes: u64,
+    units: usize,
+    missing: usize,
+}
+
+impl Display for Packed {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let units = counted(self.units, "unit");
+        write!(
+            f,
+            "{}  {units} in {:.1} kB",
+            self.out,
+            self.bytes as f64 / 1000.0
+        )
+    }
+}
+
 pub(super) fn execute(args: &BundleArgs) -> anyhow::Result<Outcome> {
     let results = write_bundle(&args.run, &args.out, args.times)?;
-    let bytes = std::fs::metadata(&args.out)?.len();
-    let out = args.out.display().to_string();
-    if args.json {
-        output::json(&json!({
-            "out": out,
-            "sha256": file_sha256(&args.out)?,
-            "bytes": bytes,
-            "units": results.records.len(),
-            "missing": results.missing.len(),
-        }))?;
-    } else {
-        output::line(format!(
-            "{out}  {} in {:.1} kB",
-            counted(results.records.len(), "unit"),
-            bytes as f64 / 1000.0
-        ))?;
-    }
+    let packed = Packed {
+        out: args.out.display().to_string(),
+        sha256: file_sha256(&args.out)?,
+        bytes: std::fs::metadata(&args.out)?.len(),
+        units: results.records.len(),
+        missing: results.missing.len(),
+    };
+    output::print(&packed, args.json)?;
     if !results.missing.is_empty() {
         output::remark(format!(
             "note: the run has not ended; missing: {}",

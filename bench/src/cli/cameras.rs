@@ -1,9 +1,10 @@
 //! `cameras export`: writes views to files.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use serde_json::json;
+use serde::Serialize;
 use sharp_datasets::Scene;
 
 use super::data_args::DatasetArgs;
@@ -44,20 +45,36 @@ struct CamerasExportArgs {
     json: bool,
 }
 
+#[derive(Serialize)]
+struct ExportedViews {
+    out: String,
+    views: usize,
+    written: usize,
+    kept: usize,
+}
+
+impl Display for ExportedViews {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Self {
+            out, written, kept, ..
+        } = self;
+        let views = counted(self.views, "view");
+        write!(f, "{views} in {out}: {written} written, {kept} kept")
+    }
+}
+
 pub(super) fn execute(args: &CamerasArgs) -> anyhow::Result<Outcome> {
     let CamerasCommand::Export(args) = &args.command;
     let datasets = args.datasets.open()?;
     let outcome = Outcome::Done.with_scenes_of(&datasets);
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
     let exported = cameras::export(&scenes, &args.out, &Terminal::default())?;
-    let (out, written, kept) = (args.out.display(), exported.written, exported.kept);
-    let views = written + kept;
-    if args.json {
-        let out = out.to_string();
-        output::json(&json!({ "out": out, "views": views, "written": written, "kept": kept }))?;
-    } else {
-        let views = counted(views, "view");
-        output::line(format!("{views} in {out}: {written} written, {kept} kept"))?;
-    }
+    let exported = ExportedViews {
+        out: args.out.display().to_string(),
+        views: exported.written + exported.kept,
+        written: exported.written,
+        kept: exported.kept,
+    };
+    output::print(&exported, args.json)?;
     Ok(outcome)
 }

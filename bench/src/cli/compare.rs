@@ -1,8 +1,10 @@
 //! `compare A B`: changes between two runs and their significance.
 
-use std::path::PathBuf;
+use std::fmt::{self, Display, Formatter};
+use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde::{Serialize, Serializer};
 use sharp_metrics::Family;
 
 use super::outcome::UsageError;
@@ -134,14 +136,15 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         Some(out) => Some(comparison.write(&strata, &flips, &opened, out)?),
         None => None,
     };
-    if args.json {
-        output::json(&comparison.json(&strata, &flips))?;
-    } else {
-        print(&comparison, &strata, &flips, args)?;
-        if let Some(files) = &files {
-            output::line(format!("page  {}", files.html.display()))?;
-        }
-    }
+    let page = files.as_ref().map(|files| files.html.as_path());
+    let shown = ShownComparison {
+        comparison: &comparison,
+        strata: &strata,
+        flips: &flips,
+        breakdown: args.breakdown,
+        page,
+    };
+    output::print(&shown, args.json)?;
     let notes = anatomies.iter().flat_map(|anatomy| &anatomy.notes);
     for note in comparison.notes.iter().chain(notes) {
         output::remark(format!("note: {note}"));
@@ -152,31 +155,40 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::of_problems(damaged || !not_scored.is_empty()))
 }
 
-fn print(
-    comparison: &RunComparison,
-    strata: &[Stratum],
-    flips: &[Flips<'_>],
-    args: &CompareArgs,
-) -> anyhow::Result<()> {
-    for grid in comparison.change_grids() {
-        output::line(grid.text())?;
+struct ShownComparison<'a> {
+    comparison: &'a RunComparison,
+    strata: &'a [Stratum],
+    flips: &'a [Flips<'a>],
+    /// Whether the text lists the strata of pairs.
+    breakdown: bool,
+    page: Option<&'a Path>,
+}
+
+impl Serialize for ShownComparison<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let json = self.comparison.json(self.strata, self.flips);
+        json.serialize(serializer)
     }
-    for against in &comparison.against {
-        for metric in &comparison.results.manifest.metrics {
-            if let Some(grid) = comparison.extremes(against, &metric.info) {
-                output::line(grid.text())?;
-            }
+}
+
+impl Display for ShownComparison<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let comparison = self.comparison;
+        let mut grids = comparison.change_grids();
+        for against in &comparison.against {
+            let metrics = comparison.results.manifest.metrics.iter();
+            grids.extend(metrics.filter_map(|m| comparison.extremes(against, &m.info)));
         }
+        grids.extend(self.flips.iter().map(Flips::grid));
+        let shown = self.strata.iter().filter(|stratum| match stratum.by {
+            Division::Pixels => true,
+            _ => self.breakdown,
+        });
+        grids.extend(comparison.where_grids(&shown.cloned().collect::<Vec<_>>()));
+        for grid in grids {
+            writeln!(f, "{}", grid.text())?;
+        }
+        self.page
+            .map_or(Ok(()), |page| write!(f, "page  {}", page.display()))
     }
-    for flips in flips {
-        output::line(flips.grid().text())?;
-    }
-    let shown = strata.iter().filter(|stratum| match stratum.by {
-        Division::Pixels => true,
-        _ => args.breakdown,
-    });
-    for grid in comparison.where_grids(&shown.cloned().collect::<Vec<_>>()) {
-        output::line(grid.text())?;
-    }
-    Ok(())
 }

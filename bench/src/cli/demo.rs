@@ -1,12 +1,13 @@
 //! `demo`: a complete evaluation on bundled data.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::json;
+use serde::Serialize;
 
 use super::output::Terminal;
-use super::report::{outcome, print_tables};
+use super::report::{outcome, tables};
 use super::{Outcome, output};
 use crate::config::MetricConfig;
 use crate::evaluate::{Request, RunOptions, prepare};
@@ -51,6 +52,22 @@ const METHODS: [&str; 4] = [
 /// Number of procedural pairs evaluated; the list has more.
 const SYNTHETIC_PAIRS: usize = 24;
 
+#[derive(Serialize)]
+struct Demonstrated {
+    run: String,
+    scores: String,
+    report: String,
+    #[serde(skip)]
+    tables: String,
+}
+
+impl Display for Demonstrated {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.tables)?;
+        write!(f, "report  {}\nrun     {}", self.report, self.run)
+    }
+}
+
 pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     let data = sharp_datasets::bundled::extract_all(&args.out.join("data"))?;
@@ -88,9 +105,6 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         &terminal,
     )?;
     let outcome = outcome(finished.counts, true);
-    if !args.json {
-        print_tables(&finished.results, None)?;
-    }
     let files = report(
         &finished.results,
         &finished.scenes,
@@ -106,15 +120,12 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         },
     )?;
     let run = args.out.join("run");
-    if args.json {
-        output::json(&json!({
-            "run": run.display().to_string(),
-            "scores": run.join("scores.csv").display().to_string(),
-            "report": files.html.display().to_string(),
-        }))?;
-    } else {
-        output::line(format!("report  {}", files.html.display()))?;
-        output::line(format!("run     {}", run.display()))?;
-    }
+    let evaluated = Demonstrated {
+        run: run.display().to_string(),
+        scores: run.join("scores.csv").display().to_string(),
+        report: files.html.display().to_string(),
+        tables: tables(&finished.results, None)?,
+    };
+    output::print(&evaluated, args.json)?;
     Ok(outcome)
 }

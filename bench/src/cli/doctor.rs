@@ -1,5 +1,7 @@
 //! `doctor`: reports which components this machine has, which are missing, and how to get them.
 
+use std::fmt::{self, Display, Formatter};
+
 use clap::Args;
 use serde::Serialize;
 
@@ -27,6 +29,21 @@ struct Finding {
     advice: String,
 }
 
+#[derive(Serialize)]
+struct Findings(Vec<Finding>);
+
+impl Display for Findings {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        for finding in &self.0 {
+            writeln!(f, "{:<18} {}", finding.what, finding.found)?;
+            if !finding.advice.is_empty() {
+                writeln!(f, "{:<18} → {}", "", finding.advice)?;
+            }
+        }
+        Ok(())
+    }
+}
+
 fn finding(what: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Finding {
     Finding {
         what,
@@ -36,17 +53,7 @@ fn finding(what: &'static str, found: impl Into<String>, advice: impl Into<Strin
 }
 
 pub(super) fn execute(args: &DoctorArgs) -> anyhow::Result<Outcome> {
-    let findings = findings();
-    if args.json {
-        output::json(&findings)?;
-        return Ok(Outcome::Done);
-    }
-    for finding in &findings {
-        output::line(format!("{:<18} {}", finding.what, finding.found))?;
-        if !finding.advice.is_empty() {
-            output::line(format!("{:<18} → {}", "", finding.advice))?;
-        }
-    }
+    output::print(&Findings(findings()), args.json)?;
     Ok(Outcome::Done)
 }
 

@@ -1,14 +1,15 @@
 //! `figure NAME RUN…`: figures of a paper.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
-use serde_json::json;
+use serde::Serialize;
 use sharp_metrics::MetricKey;
 
 use super::outcome::UsageError;
-use super::output::Terminal;
+use super::output::{Terminal, Written};
 use super::report::{ShownRuns, warn_damaged};
 use super::sweep::{check_methods, style, sweep};
 use super::{Outcome, output};
@@ -16,7 +17,7 @@ use crate::evaluate::Results;
 use crate::io::atomic_files::{check_writable, write_all_over_own};
 use crate::io::pictures::read_rgb8;
 use crate::io::text::visible_line;
-use crate::report::figures::catalogue::FIGURES;
+use crate::report::figures::catalogue::{FIGURES, FigureEntry};
 use crate::report::figures::choice::{PairsChoice, PathChoice};
 use crate::report::figures::fidelity_time::SpeedSeconds;
 use crate::report::figures::from_runs::{self, SheetKind, SheetOptions};
@@ -204,17 +205,23 @@ pub(super) fn execute(args: &FigureArgs) -> anyhow::Result<Outcome> {
     }
 }
 
+#[derive(Serialize)]
+struct Catalogue(&'static [FigureEntry]);
+
+impl Display for Catalogue {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|figure| {
+            writeln!(
+                f,
+                "{}\n  shows  {}\n  paper  {}\n  needs  {}\n  by     sharp-bench {}",
+                figure.name, figure.shows, figure.paper, figure.needs, figure.command
+            )
+        })
+    }
+}
+
 fn list(as_json: bool) -> anyhow::Result<Outcome> {
-    if as_json {
-        output::json(&*FIGURES)?;
-        return Ok(Outcome::Done);
-    }
-    for figure in FIGURES.iter() {
-        output::line(format!(
-            "{}\n  shows  {}\n  paper  {}\n  needs  {}\n  by     sharp-bench {}",
-            figure.name, figure.shows, figure.paper, figure.needs, figure.command
-        ))?;
-    }
+    output::print(&Catalogue(&FIGURES), as_json)?;
     Ok(Outcome::Done)
 }
 
@@ -252,7 +259,7 @@ fn plots(
     let figure = make(&results, &style)?;
     let figure = figure.ok_or_else(|| anyhow!("{stem}: the runs have nothing to plot"))?;
     let files = report_plots::files(figure, &args.out.out, stem);
-    say(&write_all_over_own(&files)?, &[], &args.out)?;
+    print(&write_all_over_own(&files)?, &[], &args.out)?;
     Ok(Outcome::of_problems(warn_damaged(&results)))
 }
 
@@ -295,7 +302,7 @@ fn write_sheet(
     style: &FigureStyle,
 ) -> anyhow::Result<bool> {
     let problems = sheet.problems();
-    say(&sheet.write(&out.out, stem, style)?, &problems, out)?;
+    print(&sheet.write(&out.out, stem, style)?, &problems, out)?;
     for problem in problems.iter().take(PROBLEMS) {
         output::remark(format!("warning: {}", visible_line(problem)));
     }
@@ -305,10 +312,25 @@ fn write_sheet(
     Ok(!problems.is_empty())
 }
 
-fn say(files: &[PathBuf], problems: &[String], args: &OutArgs) -> anyhow::Result<()> {
-    if args.json {
-        let (out, files) = (args.out.display().to_string(), output::names(files));
-        return output::json(&json!({ "out": out, "files": files, "problems": problems }));
+#[derive(Serialize)]
+struct WrittenFigure<'a> {
+    out: String,
+    #[serde(flatten)]
+    written: Written,
+    problems: &'a [String],
+}
+
+impl Display for WrittenFigure<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.written.fmt(f)
     }
-    output::wrote(files)
+}
+
+fn print(files: &[PathBuf], problems: &[String], args: &OutArgs) -> anyhow::Result<()> {
+    let figure = WrittenFigure {
+        out: args.out.display().to_string(),
+        written: Written::new(files),
+        problems,
+    };
+    output::print(&figure, args.json)
 }

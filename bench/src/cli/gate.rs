@@ -1,10 +1,11 @@
 //! `gate --baseline A --candidate B`: decides in continuous integration whether B may replace A.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
-use serde_json::json;
+use serde::Serialize;
 
 use super::compare::method_pair;
 use super::outcome::UsageError;
@@ -13,7 +14,7 @@ use crate::io::atomic_files::write_over_own;
 use crate::track::compare::CompareError;
 use crate::track::gate::config::MetricName;
 use crate::track::gate::output::{junit, markdown};
-use crate::track::gate::{CheckState, GateConfig, GateError, Limit, gate};
+use crate::track::gate::{CheckState, GateConfig, GateError, GateReport, Limit, gate};
 
 /// Compare a run with a baseline in continuous integration: exit code 3 if the run is worse than the limits allow
 ///
@@ -71,6 +72,22 @@ fn power(text: &str) -> Result<(MetricName, f64), String> {
     Ok((name.parse()?, value.ok_or("expected a number above 0")?))
 }
 
+#[derive(Serialize)]
+struct Judged<'a> {
+    schema: u32,
+    headline: String,
+    gate: &'a GateReport,
+}
+
+impl Display for Judged<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        for grid in self.gate.grids() {
+            writeln!(f, "{}", grid.text())?;
+        }
+        f.write_str(&self.headline)
+    }
+}
+
 pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
     let mut config = GateConfig::default();
     if let Some(path) = &args.config {
@@ -99,19 +116,12 @@ pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
     if let Some(path) = &args.markdown {
         write_over_own(path, markdown(&report).as_bytes(), "### Quality gate")?;
     }
-    match args.json {
-        true => output::json(&json!({
-            "schema": 1,
-            "headline": report.headline(),
-            "gate": report,
-        }))?,
-        false => {
-            for grid in report.grids() {
-                output::line(grid.text())?;
-            }
-            output::line(report.headline())?;
-        }
-    }
+    let judged = Judged {
+        schema: 1,
+        headline: report.headline(),
+        gate: &report,
+    };
+    output::print(&judged, args.json)?;
     for note in &report.notes {
         output::remark(format!("note: {note}"));
     }

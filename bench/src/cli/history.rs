@@ -1,16 +1,17 @@
 //! `history`: runs over time.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use serde_json::{Value, json};
+use serde::Serialize;
 
 use super::outcome::UsageError;
 use super::{Outcome, output};
 use crate::evaluate::Occasion;
 use crate::io::atomic_files::write_all_over_own;
 use crate::io::text::visible_line;
-use crate::track::history::{self, HistoryError};
+use crate::track::history::{self, History, HistoryError, Point};
 
 /// Track runs over time: means with intervals, and which run changed them
 ///
@@ -92,44 +93,89 @@ fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
         other => other.into(),
     })?;
     let added = history::add(&args.dir, &args.run, occasion)?;
-    let path = added.path.display().to_string();
-    if args.json {
-        let mut json = entry(added.number, &added.occasion);
-        json["file"] = path.into();
-        json["is_new"] = added.is_new.into();
-        json["damaged"] = json!(added.damaged);
-        output::json(&json)?;
-    } else {
-        let label = &added.occasion.label;
-        output::line(match added.is_new {
-            true => format!("{path}  {label}"),
-            false => format!(
-                "{path}  {label}, already added on {} with the same results; use another --label \
-                 or --commit for a new entry",
-                added.occasion.date
-            ),
-        })?;
-    }
+    let entry = AddedEntry {
+        entry: Entry::new(added.number, &added.occasion),
+        file: added.path.display().to_string(),
+        is_new: added.is_new,
+        damaged: &added.damaged,
+    };
+    output::print(&entry, args.json)?;
     Ok(outcome(&added.damaged))
+}
+
+#[derive(Serialize)]
+struct Entry<'a> {
+    entry: u32,
+    label: &'a str,
+    commit: Option<&'a str>,
+    date: &'a str,
+}
+
+impl<'a> Entry<'a> {
+    fn new(entry: u32, occasion: &'a Occasion) -> Self {
+        Self {
+            entry,
+            label: &occasion.label,
+            commit: occasion.commit.as_deref(),
+            date: &occasion.date,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct AddedEntry<'a> {
+    #[serde(flatten)]
+    entry: Entry<'a>,
+    file: String,
+    is_new: bool,
+    damaged: &'a [String],
+}
+
+impl Display for AddedEntry<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Entry { label, date, .. } = self.entry;
+        write!(f, "{}  {label}", self.file)?;
+        match self.is_new {
+            true => Ok(()),
+            false => write!(
+                f,
+                ", already added on {date} with the same results; use another --label or --commit for a new entry"
+            ),
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct ShownHistory<'a> {
+    schema: u32,
+    entries: Vec<Entry<'a>>,
+    rows: Vec<&'a Point>,
+    damaged: &'a [String],
+    #[serde(skip)]
+    history: &'a History,
+}
+
+impl Display for ShownHistory<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.history.entries_grid().text())?;
+        let mut series = self.history.series_grids().into_iter();
+        series.try_for_each(|grid| writeln!(f, "{}", grid.text()))
+    }
 }
 
 fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
     let history = history::read(&args.dir)?;
-    if args.json {
-        let entries = history.entries.iter();
-        let entries: Vec<Value> = entries.map(|(n, occasion)| entry(*n, occasion)).collect();
-        output::json(&json!({
-            "schema": 1,
-            "entries": entries,
-            "rows": history.points().collect::<Vec<_>>(),
-            "damaged": history.damaged,
-        }))?;
-    } else {
-        output::line(history.entries_grid().text())?;
-        for grid in history.series_grids() {
-            output::line(grid.text())?;
-        }
-    }
+    let entries = history.entries.iter();
+    let shown = ShownHistory {
+        schema: 1,
+        entries: entries
+            .map(|(n, occasion)| Entry::new(*n, occasion))
+            .collect(),
+        rows: history.points().collect(),
+        damaged: &history.damaged,
+        history: &history,
+    };
+    output::print(&shown, args.json)?;
     let mut files: Vec<(&Path, Vec<u8>, &str)> = Vec::new();
     if let Some(path) = &args.csv {
         files.push((
@@ -153,15 +199,6 @@ fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
         }
     }
     Ok(outcome(&history.damaged))
-}
-
-fn entry(number: u32, occasion: &Occasion) -> Value {
-    let Occasion {
-        label,
-        commit,
-        date,
-    } = occasion;
-    json!({"entry": number, "label": label, "commit": commit, "date": date})
 }
 
 fn outcome(damaged: &[String]) -> Outcome {

@@ -1,9 +1,10 @@
 //! `man`: manual pages.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::json;
+use serde::Serialize;
 
 use super::{Outcome, help, output};
 use crate::io::atomic_files::write_over_own;
@@ -25,6 +26,19 @@ pub(super) struct ManArgs {
 /// Start of every page.
 const MARK: &str = ".ie";
 
+#[derive(Serialize)]
+struct Pages {
+    files: Vec<String>,
+    #[serde(skip)]
+    folder: String,
+}
+
+impl Display for Pages {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "wrote {} pages to {}", self.files.len(), self.folder)
+    }
+}
+
 pub(super) fn execute(args: &ManArgs) -> anyhow::Result<Outcome> {
     let mut command = help::command().disable_help_subcommand(true);
     command.build();
@@ -35,14 +49,8 @@ pub(super) fn execute(args: &ManArgs) -> anyhow::Result<Outcome> {
         files.push(path.display().to_string());
         Ok(())
     })?;
-    match args.json {
-        true => output::json(&json!({ "files": files }))?,
-        false => output::line(format!(
-            "wrote {} pages to {}",
-            files.len(),
-            args.out.display()
-        ))?,
-    }
+    let folder = args.out.display().to_string();
+    output::print(&Pages { files, folder }, args.json)?;
     Ok(Outcome::Done)
 }
 

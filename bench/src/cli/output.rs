@@ -1,6 +1,7 @@
 //! Prints results to standard output, so that they can be piped, and notes, warnings and progress
 //! to standard error.
 
+use std::fmt::{self, Display, Formatter};
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,10 +27,35 @@ pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?)
 }
 
-/// Prints the paths of written files.
-pub(super) fn wrote(files: &[PathBuf]) -> anyhow::Result<()> {
-    let mut files = files.iter();
-    files.try_for_each(|file| line(format!("wrote {}", file.display())))
+/// Prints a command's result: indented JSON with `--json`, else its text, unless that is empty.
+pub(super) fn print(result: &(impl Serialize + Display), as_json: bool) -> anyhow::Result<()> {
+    if as_json {
+        return json(result);
+    }
+    match result.to_string().trim_end() {
+        "" => Ok(()),
+        text => line(text),
+    }
+}
+
+/// Written files.
+#[derive(Serialize)]
+pub(super) struct Written {
+    pub(super) files: Vec<String>,
+}
+
+impl Written {
+    pub(super) fn new(files: &[PathBuf]) -> Self {
+        let files = names(files);
+        Self { files }
+    }
+}
+
+impl Display for Written {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let mut files = self.files.iter();
+        files.try_for_each(|file| writeln!(f, "wrote {file}"))
+    }
 }
 
 pub(super) fn names(paths: &[PathBuf]) -> Vec<String> {

@@ -1,6 +1,9 @@
 //! `protocols`: published evaluations by name.
 
+use std::fmt::{self, Display, Formatter};
+
 use clap::Args;
+use serde::Serialize;
 
 use super::outcome::UsageError;
 use super::{Outcome, output};
@@ -26,62 +29,69 @@ pub(super) struct ProtocolsArgs {
 }
 
 pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
-    let Some(name) = &args.name else {
-        if args.json {
-            output::json(&*PROTOCOLS)?;
-            return Ok(Outcome::Done);
+    match &args.name {
+        None => output::print(&Catalogue(&PROTOCOLS), args.json)?,
+        Some(name) => {
+            let protocol = Protocol::named(name).map_err(|error| UsageError(error.to_string()))?;
+            output::print(protocol, args.json)?;
         }
-        for protocol in PROTOCOLS.iter() {
-            let name = &protocol.name;
-            output::line(format!("{name:<14} {}", summary(protocol)))?;
-        }
-        return Ok(Outcome::Done);
-    };
-    let protocol = Protocol::named(name).map_err(|error| UsageError(error.to_string()))?;
-    if args.json {
-        output::json(protocol)?;
-        return Ok(Outcome::Done);
-    }
-    let pairs = match &protocol.pairs {
-        PairRule::Paper => "built as the SHARP paper says".to_owned(),
-        PairRule::List(what) => format!("{what}; --pairs FILE"),
-        PairRule::NoSource(rule) => format!("no source view ({rule}); --pairs FILE"),
-        PairRule::Refused(reason) => format!("refused: {reason}"),
-    };
-    for (what, text) in [
-        ("protocol", protocol.name.clone()),
-        ("source", protocol.source.clone()),
-        ("pairs", pairs),
-        (
-            "size",
-            protocol
-                .frame
-                .as_deref()
-                .unwrap_or("as the dataset has it")
-                .to_owned(),
-        ),
-        (
-            "alpha",
-            protocol.alpha.as_ref().map_or_else(
-                || "refused".to_owned(),
-                |rule| format!("composited over {rule}"),
-            ),
-        ),
-        ("border", protocol.border.to_string()),
-        ("metrics", metrics(protocol)),
-        ("means", protocol.aggregation.to_string()),
-        ("mask", protocol.mask.to_string()),
-        ("failures", protocol.failures.clone()),
-    ] {
-        output::line(format!("{what:<14} {text}"))?;
-    }
-    for trap in &protocol.traps {
-        output::line(format!("{:<14} {trap}", "kept as it is"))?;
-    }
-    for departure in protocol.departures() {
-        output::line(format!("{:<14} {departure}", "differs here"))?;
     }
     Ok(Outcome::Done)
+}
+
+#[derive(Serialize)]
+struct Catalogue(&'static [Protocol]);
+
+impl Display for Catalogue {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let mut protocols = self.0.iter();
+        protocols
+            .try_for_each(|protocol| writeln!(f, "{:<14} {}", protocol.name, summary(protocol)))
+    }
+}
+
+impl Display for Protocol {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let pairs = match &self.pairs {
+            PairRule::Paper => "built as the SHARP paper says".to_owned(),
+            PairRule::List(what) => format!("{what}; --pairs FILE"),
+            PairRule::NoSource(rule) => format!("no source view ({rule}); --pairs FILE"),
+            PairRule::Refused(reason) => format!("refused: {reason}"),
+        };
+        for (what, text) in [
+            ("protocol", self.name.clone()),
+            ("source", self.source.clone()),
+            ("pairs", pairs),
+            (
+                "size",
+                self.frame
+                    .as_deref()
+                    .unwrap_or("as the dataset has it")
+                    .to_owned(),
+            ),
+            (
+                "alpha",
+                self.alpha.as_ref().map_or_else(
+                    || "refused".to_owned(),
+                    |rule| format!("composited over {rule}"),
+                ),
+            ),
+            ("border", self.border.to_string()),
+            ("metrics", metrics(self)),
+            ("means", self.aggregation.to_string()),
+            ("mask", self.mask.to_string()),
+            ("failures", self.failures.clone()),
+        ] {
+            writeln!(f, "{what:<14} {text}")?;
+        }
+        for trap in &self.traps {
+            writeln!(f, "{:<14} {trap}", "kept as it is")?;
+        }
+        for departure in self.departures() {
+            writeln!(f, "{:<14} {departure}", "differs here")?;
+        }
+        Ok(())
+    }
 }
 
 fn metrics(protocol: &Protocol) -> String {

@@ -1,13 +1,14 @@
 //! `report RUN…`: writes tables, plots and a browsable page for runs.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::json;
+use serde::Serialize;
 
 use super::metrics::describe;
 use super::outcome::UsageError;
-use super::output::Terminal;
+use super::output::{Terminal, Written};
 use super::{Outcome, output};
 use crate::evaluate::{Aggregation, Named, Results, Shown, UnitCounts, join_under};
 use crate::report::statistics::Uncertainty;
@@ -84,6 +85,29 @@ impl ShownRuns {
     }
 }
 
+#[derive(Serialize)]
+struct WrittenReport {
+    out: String,
+    layout: Layout,
+    files: Vec<String>,
+    not_scored: Vec<String>,
+    #[serde(skip)]
+    page: String,
+    #[serde(skip)]
+    tables: String,
+}
+
+impl Display for WrittenReport {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let pictures = match self.layout {
+            Layout::File => "one file",
+            Layout::Folder => "pictures in thumbs/ next to the page",
+        };
+        writeln!(f, "{}", self.tables)?;
+        write!(f, "report  {}  ({pictures})", self.page)
+    }
+}
+
 pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     let results = args.runs.results(args.aggregate)?;
     if args.methods_text {
@@ -113,21 +137,15 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         ..ReportOptions::default()
     };
     let files = report::report(&results, &scenes, &out, &options)?;
-    if args.json {
-        output::json(&json!({
-            "out": out.display().to_string(),
-            "layout": files.layout,
-            "files": output::names(&files.all),
-            "not_scored": output::names(&files.not_scored),
-        }))?;
-    } else {
-        let pictures = match files.layout {
-            Layout::File => "one file",
-            Layout::Folder => "pictures in thumbs/ next to the page",
-        };
-        print_tables(&results, args.uncertainty)?;
-        output::line(format!("report  {}  ({pictures})", files.html.display()))?;
-    }
+    let written = WrittenReport {
+        out: out.display().to_string(),
+        layout: files.layout,
+        files: output::names(&files.all),
+        not_scored: output::names(&files.not_scored),
+        page: files.html.display().to_string(),
+        tables: tables(&results, args.uncertainty)?,
+    };
+    output::print(&written, args.json)?;
     warn_not_scored(&files.not_scored);
     let damaged = warn_damaged(&results);
     Ok(Outcome::of_problems(
@@ -141,11 +159,7 @@ fn methods_text(results: &Results, args: &ReportArgs) -> anyhow::Result<Outcome>
         return describe::methods_text(&text, args.json);
     };
     let files = text.write(out)?;
-    if args.json {
-        output::json(&json!({"files": output::names(&files)}))?;
-    } else {
-        output::wrote(&files)?;
-    }
+    output::print(&Written::new(&files), args.json)?;
     Ok(Outcome::Done)
 }
 
@@ -171,13 +185,14 @@ pub(super) fn warn_not_scored(paths: &[PathBuf]) {
     }
 }
 
-pub(super) fn print_tables(
+/// The tables of means as text.
+pub(super) fn tables(
     results: &Results,
     uncertainty: Option<Uncertainty>,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<String> {
     let tables = report::mean_tables(results, uncertainty)?;
     let texts: Vec<String> = tables.iter().map(Table::text).collect();
-    output::line(texts.join("\n"))
+    Ok(texts.join("\n"))
 }
 
 /// Exit code 4 if there are recorded failures. Exit code 75 if units are left; after the last

@@ -1,22 +1,23 @@
 //! `run`: evaluates methods on datasets into a run folder.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::bail;
 use clap::Args;
-use serde_json::json;
+use serde::Serialize;
 use sharp_metrics::Simd;
 
 use super::data_args::{self, say_what_was_opened};
 use super::memory::MemoryArgs;
 use super::outcome::UsageError;
 use super::output::{Terminal, span};
-use super::report::{outcome, print_tables};
+use super::report::{outcome, tables};
 use super::{Outcome, output};
 use crate::config::RunConfig;
 use crate::evaluate::{
-    Estimate, EvaluateError, Evaluation, Request, RunFolder, RunOptions, RunStatus, Shard, Stages,
+    Estimate, EvaluateError, Manifest, Request, RunFolder, RunOptions, RunStatus, Shard, Stages,
     UnitCounts, prepare,
 };
 use crate::io::counts::counted;
@@ -189,11 +190,16 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         let Some(counts) = unless_stopped(counts)? else {
             return Ok(Outcome::Resumable);
         };
-        print_counts(&counts, root, shard, args.json)?;
+        output::print(&ShardDone::new(root, shard, counts), args.json)?;
         return Ok(outcome(counts, args.stage.scores()).or(complete));
     }
     let Some(out) = args.out.as_deref().filter(|_| !args.dry_run) else {
-        return dry_run(&evaluation, args).map(|_| complete);
+        let found = DryRun {
+            manifest: &evaluation.manifest()?,
+            units: evaluation.status(args.out.as_deref())?,
+        };
+        output::print(&found, args.json)?;
+        return Ok(complete);
     };
     if args.plan_only {
         let estimate = evaluation.plan(out, options, &terminal)?;
@@ -205,85 +211,106 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     let Some(finished) = unless_stopped(finished)? else {
         return Ok(Outcome::Resumable);
     };
-    let counts = finished.counts;
-    let (root, scores) = (
-        finished.folder.root().display().to_string(),
-        finished.folder.scores_path().display().to_string(),
-    );
-    let outcome = outcome(counts, args.stage.scores()).or(complete);
-    if args.json {
-        output::json(&json!({
-            "run": root,
-            "scores": scores,
-            "units": counts.units,
-            "reused": counts.reused,
-            "predicted": counts.predicted,
-            "rendered": counts.rendered,
-            "scored": counts.scored,
-            "waiting": counts.waiting,
-            "left": counts.left,
-            "failed": counts.failed,
-            "manifest": finished.results.manifest,
-        }))?;
-    } else if counts.left > 0 {
-        output::line(format!(
-            "stopped with {} left of {}; the same command resumes it",
-            counted(counts.left, "unit"),
-            counts.units
-        ))?;
-    } else if args.stage == Stages::All || args.stage == Stages::Score {
-        print_tables(&finished.results, None)?;
-        output::line(format!("scores  {scores}"))?;
-        output::line(format!("run     {root}  (sharp-bench report {root})"))?;
-    } else {
-        output::line(format!(
-            "{} and {} created; `--stage score` scores the pictures",
-            counted(counts.predicted, "prediction"),
-            counted(counts.rendered, "rendering")
-        ))?;
-    }
-    Ok(outcome)
+    let evaluated = Evaluated {
+        run: finished.folder.root().display().to_string(),
+        scores: finished.folder.scores_path().display().to_string(),
+        counts: finished.counts,
+        manifest: &finished.results.manifest,
+        tables: match finished.counts.left == 0 && args.stage.scores() {
+            true => Some(tables(&finished.results, None)?),
+            false => None,
+        },
+    };
+    output::print(&evaluated, args.json)?;
+    Ok(outcome(finished.counts, args.stage.scores()).or(complete))
 }
 
-fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
-    let manifest = evaluation.manifest()?;
-    let standing = evaluation.status(args.out.as_deref())?;
-    if args.json {
-        let mut json = serde_json::to_value(&manifest)?;
-        json["units"] = serde_json::to_value(standing)?;
-        output::json(&json)?;
-        return Ok(Outcome::Done);
+#[derive(Serialize)]
+struct Evaluated<'a> {
+    run: String,
+    scores: String,
+    #[serde(flatten)]
+    counts: UnitCounts,
+    manifest: &'a Manifest,
+    /// Once all units are scored.
+    #[serde(skip)]
+    tables: Option<String>,
+}
+
+impl Display for Evaluated<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Self {
+            run,
+            scores,
+            counts,
+            ..
+        } = self;
+        if counts.left > 0 {
+            let left = counted(counts.left, "unit");
+            return write!(
+                f,
+                "stopped with {left} left of {}; the same command resumes it",
+                counts.units
+            );
+        }
+        match &self.tables {
+            Some(tables) => write!(
+                f,
+                "{tables}\nscores  {scores}\nrun     {run}  (sharp-bench report {run})"
+            ),
+            None => write!(
+                f,
+                "{} and {} created; `--stage score` scores the pictures",
+                counted(counts.predicted, "prediction"),
+                counted(counts.rendered, "rendering")
+            ),
+        }
     }
-    for dataset in &manifest.datasets {
-        output::line(format!(
-            "dataset {}: {}, {} ({})",
-            dataset.name,
-            counted(dataset.scenes, "scene"),
-            counted(dataset.views, "view"),
-            dataset.spec_text()
-        ))?;
+}
+
+#[derive(Serialize)]
+struct DryRun<'a> {
+    #[serde(flatten)]
+    manifest: &'a Manifest,
+    units: RunStatus,
+}
+
+impl Display for DryRun<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let manifest = self.manifest;
+        for dataset in &manifest.datasets {
+            writeln!(
+                f,
+                "dataset {}: {}, {} ({})",
+                dataset.name,
+                counted(dataset.scenes, "scene"),
+                counted(dataset.views, "view"),
+                dataset.spec_text()
+            )?;
+        }
+        writeln!(
+            f,
+            "pairs   {} of {} listed, sha256 {}",
+            manifest.pairs.evaluated, manifest.pairs.listed, manifest.pairs.sha256
+        )?;
+        for method in &manifest.methods {
+            writeln!(f, "method  {} ({})", method.label, method.identity)?;
+        }
+        for metric in &manifest.metrics {
+            writeln!(f, "metric  {}", metric.info.key)?;
+        }
+        let RunStatus {
+            units,
+            done,
+            unscored,
+            failed,
+            missing,
+        } = self.units;
+        write!(
+            f,
+            "units   {units}: {done} done, {unscored} to score, {missing} missing, {failed} failed"
+        )
     }
-    output::line(format!(
-        "pairs   {} of {} listed, sha256 {}",
-        manifest.pairs.evaluated, manifest.pairs.listed, manifest.pairs.sha256
-    ))?;
-    for method in &manifest.methods {
-        output::line(format!("method  {} ({})", method.label, method.identity))?;
-    }
-    for metric in &manifest.metrics {
-        output::line(format!("metric  {}", metric.info.key))?;
-    }
-    let RunStatus {
-        units,
-        done,
-        unscored,
-        failed,
-        missing,
-    } = standing;
-    output::line(format!(
-        "units   {units}: {done} done, {unscored} to score, {missing} missing, {failed} failed"
-    ))?;
-    Ok(Outcome::Done)
 }
 
 /// The result; `None` if the renderer's device failed. The same command then resumes the run.
@@ -297,82 +324,102 @@ fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<
     }
 }
 
-pub(super) fn print_counts(
-    counts: &UnitCounts,
-    root: &Path,
-    shard: Shard,
-    as_json: bool,
-) -> anyhow::Result<()> {
-    let root = root.display();
-    if as_json {
-        let mut json = serde_json::to_value(counts)?;
-        json["run"] = root.to_string().into();
-        json["shard"] = shard.to_string().into();
-        return output::json(&json);
+#[derive(Serialize)]
+pub(super) struct ShardDone {
+    run: String,
+    shard: String,
+    #[serde(flatten)]
+    counts: UnitCounts,
+}
+
+impl ShardDone {
+    pub(super) fn new(root: &Path, shard: Shard, counts: UnitCounts) -> Self {
+        Self {
+            run: root.display().to_string(),
+            shard: shard.to_string(),
+            counts,
+        }
     }
-    let UnitCounts {
-        units,
-        reused,
-        scored,
-        failed,
-        waiting,
-        left,
-        ..
-    } = counts;
-    output::line(format!(
-        "shard {shard} of {root}: {}, {reused} done before, {scored} scored, {failed} failed, {waiting} waiting, \
-         {left} not started",
-        counted(*units, "unit")
-    ))
+}
+
+impl Display for ShardDone {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let UnitCounts {
+            units,
+            reused,
+            scored,
+            failed,
+            waiting,
+            left,
+            ..
+        } = self.counts;
+        write!(
+            f,
+            "shard {} of {}: {}, {reused} done before, {scored} scored, {failed} failed, {waiting} waiting, {left} \
+             not started",
+            self.shard,
+            self.run,
+            counted(units, "unit")
+        )
+    }
+}
+
+impl Display for Estimate {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Estimate {
+            units,
+            sources,
+            pairs,
+            measured_pairs,
+            total,
+            predict,
+            render,
+            score,
+            ..
+        } = *self;
+        let gib = |bytes: u64| format!("{:.2}", bytes as f64 / f64::from(1 << 30));
+        writeln!(
+            f,
+            "{} ({} of {}), by measuring {measured_pairs} of them:",
+            counted(units, "unit"),
+            counted(pairs, "pair"),
+            counted(sources, "source"),
+        )?;
+        writeln!(f, "          CPU hours          time  memory GiB  disk GiB")?;
+        let stages = [
+            ("predict", predict),
+            ("render", render),
+            ("score", score),
+            ("all", total),
+        ];
+        for (name, cost) in stages {
+            writeln!(
+                f,
+                "{name:<8}{:>11.2}{:>14}{:>12}{:>10}",
+                cost.cpu_secs / 3600.0,
+                span(cost.wall_secs),
+                cost.peak_bytes.map_or_else(|| "unknown".to_owned(), gib),
+                gib(cost.disk_bytes)
+            )?;
+        }
+        f.write_str(
+        "times assume this machine's current speed; for `all`, disk is the final size of the run folder",
+    )
+    }
 }
 
 fn print_estimate(estimate: &Estimate, as_json: bool) -> anyhow::Result<()> {
-    if as_json {
-        return output::json(estimate);
-    }
-    let Estimate {
-        units,
-        sources,
-        pairs,
+    output::print(estimate, as_json)?;
+    if let Estimate {
         measured_pairs,
-        measured_failures,
-        total,
-        predict,
-        render,
-        score,
-    } = *estimate;
-    let gib = |bytes: u64| format!("{:.2}", bytes as f64 / f64::from(1 << 30));
-    output::line(format!(
-        "{} ({} of {}), by measuring {measured_pairs} of them:",
-        counted(units, "unit"),
-        counted(pairs, "pair"),
-        counted(sources, "source"),
-    ))?;
-    output::line("          CPU hours          time  memory GiB  disk GiB")?;
-    let stages = [
-        ("predict", predict),
-        ("render", render),
-        ("score", score),
-        ("all", total),
-    ];
-    for (name, cost) in stages {
-        output::line(format!(
-            "{name:<8}{:>11.2}{:>14}{:>12}{:>10}",
-            cost.cpu_secs / 3600.0,
-            span(cost.wall_secs),
-            cost.peak_bytes.map_or_else(|| "unknown".to_owned(), gib),
-            gib(cost.disk_bytes)
-        ))?;
-    }
-    output::line(
-        "times assume this machine's current speed; for `all`, disk is the final size of the run \
-         folder",
-    )?;
-    if measured_failures > 0 {
+        measured_failures: failures @ 1..,
+        ..
+    } = *estimate
+    {
         output::remark(format!(
             "warning: {} of the measured units failed, so the estimate is too low; `run --limit \
              {measured_pairs}` shows why",
-            counted(measured_failures, "unit")
+            counted(failures, "unit")
         ));
     }
     Ok(())

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use serde_json::json;
 
 use super::outcome::UsageError;
+use super::output::Written;
 use super::{Outcome, output};
 use crate::config::RunConfig;
 use crate::evaluate::RunFolder;
@@ -160,10 +160,6 @@ pub(super) fn execute(args: &ScaleArgs) -> anyhow::Result<Outcome> {
              files again with --allow-programs"
         ));
     }
-    if shards.json {
-        output::json(&json!({ "files": output::names(&files) }))?;
-    } else {
-        output::wrote(&files)?;
-    }
+    output::print(&Written::new(&files), shards.json)?;
     Ok(Outcome::Done)
 }

@@ -1,9 +1,10 @@
 //! `status`: progress of a run.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::json;
+use serde::Serialize;
 
 use super::output::span;
 use super::{Outcome, output};
@@ -40,50 +41,81 @@ pub(super) struct StatusArgs {
 pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
     if let Some(count) = args.unfinished_shards {
         let shards = unfinished_shards(&args.run, count as usize, args.retry_failed)?;
-        match args.max_index {
-            _ if args.json => output::json(&shards)?,
-            None => output::line(ranges(&shards))?,
-            Some(max) => {
-                for (offset, indices) in arrays(&shards, max as usize) {
-                    output::line(format!("{offset} {}", ranges(&indices)))?;
-                }
-            }
-        }
+        let max_index = args.max_index.map(|max| max as usize);
+        output::print(&Unfinished { shards, max_index }, args.json)?;
         return Ok(Outcome::Done);
     }
     let progress = RunProgress::read(&args.run)?;
-    if args.json {
-        let mut json = serde_json::to_value(&progress)?;
-        json["secs_left"] = json!(progress.secs_left());
-        output::json(&json)?;
-    } else {
-        output::line("               units      done    failed  to score   missing")?;
-        let all = [("all".to_owned(), progress.all)];
-        for (label, count) in progress.methods.iter().chain(&all) {
-            output::line(format!(
-                "{label:<12}{:>8}{:>10}{:>10}{:>10}{:>10}",
-                count.units, count.done, count.failed, count.unscored, count.missing
-            ))?;
-        }
-        if let (Some((units, secs)), true) = (progress.pace, progress.open() > 0) {
-            let left = span(progress.secs_left().unwrap_or_default());
-            output::line(format!(
-                "{units} units in the last {}; {left} left at this speed",
-                span(secs)
-            ))?;
-        }
-        if progress.damaged > 0 {
-            output::remark(format!(
-                "warning: damaged unit files: {}; these units count as missing, and the next run computes them again",
-                progress.damaged
-            ));
-        }
+    let shown = ShownProgress {
+        progress: &progress,
+        secs_left: progress.secs_left(),
+    };
+    output::print(&shown, args.json)?;
+    if progress.damaged > 0 {
+        output::remark(format!(
+            "warning: damaged unit files: {}; these units count as missing, and the next run computes them again",
+            progress.damaged
+        ));
     }
     Ok(match (progress.open(), progress.all.failed) {
         (0, 0) => Outcome::of_problems(progress.lacks_files),
         (0, _) => Outcome::RecordedFailures,
         _ => Outcome::Resumable,
     })
+}
+
+/// Numbers of shards; the text has a line for each array of a scheduler.
+#[derive(Serialize)]
+#[serde(transparent)]
+struct Unfinished {
+    shards: Vec<usize>,
+    #[serde(skip)]
+    max_index: Option<usize>,
+}
+
+impl Display for Unfinished {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Some(max) = self.max_index else {
+            return f.write_str(&ranges(&self.shards));
+        };
+        let mut arrays = arrays(&self.shards, max).into_iter();
+        arrays.try_for_each(|(offset, indices)| writeln!(f, "{offset} {}", ranges(&indices)))
+    }
+}
+
+#[derive(Serialize)]
+struct ShownProgress<'a> {
+    #[serde(flatten)]
+    progress: &'a RunProgress,
+    secs_left: Option<f64>,
+}
+
+impl Display for ShownProgress<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let progress = self.progress;
+        writeln!(
+            f,
+            "               units      done    failed  to score   missing"
+        )?;
+        let all = [("all".to_owned(), progress.all)];
+        for (label, count) in progress.methods.iter().chain(&all) {
+            writeln!(
+                f,
+                "{label:<12}{:>8}{:>10}{:>10}{:>10}{:>10}",
+                count.units, count.done, count.failed, count.unscored, count.missing
+            )?;
+        }
+        if let (Some((units, secs)), Some(left), true) =
+            (progress.pace, self.secs_left, progress.open() > 0)
+        {
+            let (last, left) = (span(secs), span(left));
+            write!(
+                f,
+                "{units} units in the last {last}; {left} left at this speed"
+            )?;
+        }
+        Ok(())
+    }
 }
 
 /// Formats numbers as ranges, such as `2,5-7`.

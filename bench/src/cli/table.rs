@@ -2,21 +2,24 @@
 
 use sharp_datasets::error::nearest_of;
 use std::collections::BTreeSet;
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::{Value, json};
+use serde::Serialize;
 use sharp_metrics::{Backbone, MetricKey, Selection, Weights};
 
 use super::outcome::UsageError;
+use super::output::Written;
 use super::{Outcome, output};
 use crate::io::checkpoint::find_checkpoint;
+use crate::report::paper::grid::Number;
 use crate::report::paper::published::MadeBy;
 use crate::report::paper::{
     Beside, OwnRow, PublishedTable, RowError, TABLES, numbers, paper_table, published, write_table,
 };
+use crate::report::tables::Origin;
 use crate::report::tables::grid::{GridCell, TextGrid};
-use crate::report::tables::{Origin, Table};
 
 /// Show the SHARP paper's tables with your own rows
 ///
@@ -126,23 +129,46 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
         Some(out) => write_table(paper, &table, out)?,
         None => Vec::new(),
     };
-    if args.json {
-        return output::json(&to_json(paper, &table, &written)).map(|()| outcome);
-    }
-    output::line(table.text().trim_end())?;
-    output::wrote(&written)?;
+    let checks = table.checklist.iter();
+    let shown = ShownTable {
+        table: paper.name,
+        label: paper.label,
+        cells: numbers(paper, &table),
+        checklist: checks
+            .map(|c| Check {
+                met: c.is_met,
+                text: &c.text,
+            })
+            .collect(),
+        written: Written::new(&written),
+        text: table.text(),
+    };
+    output::print(&shown, args.json)?;
     Ok(outcome)
 }
 
-fn to_json(paper: &PublishedTable, table: &Table, written: &[PathBuf]) -> Value {
-    let checks = table.checklist.iter();
-    json!({
-        "table": paper.name,
-        "label": paper.label,
-        "cells": numbers(paper, table),
-        "checklist": checks.map(|c| json!({ "met": c.is_met, "text": c.text })).collect::<Vec<_>>(),
-        "files": output::names(written),
-    })
+#[derive(Serialize)]
+struct ShownTable<'a> {
+    table: &'a str,
+    label: &'a str,
+    cells: Vec<Number<'a>>,
+    checklist: Vec<Check<'a>>,
+    #[serde(flatten)]
+    written: Written,
+    #[serde(skip)]
+    text: String,
+}
+
+#[derive(Serialize)]
+struct Check<'a> {
+    met: bool,
+    text: &'a str,
+}
+
+impl Display for ShownTable<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{}\n{}", self.text.trim_end(), self.written)
+    }
 }
 
 /// The command that produces a table's rows, and its requirements.
@@ -188,43 +214,69 @@ fn at_hand(table: &PublishedTable) -> String {
 }
 
 fn list(json: bool) -> anyhow::Result<Outcome> {
-    if json {
-        let tables = TABLES.iter().map(|table| {
-            let (made_by, needs) = made_by(table);
-            json!({
-                "name": table.name,
-                "label": table.label,
-                "title": table.title,
-                "datasets": table.datasets.iter().filter(|name| !name.is_empty()).collect::<Vec<_>>(),
-                "metrics": table.metrics,
-                "published_rows": table.rows.iter().map(|(label, _)| label).collect::<Vec<_>>(),
-                "made_by": made_by,
-                "needs": needs,
-                "at_hand": at_hand(table),
-            })
-        });
-        return output::json(&tables.collect::<Vec<_>>()).map(|()| Outcome::Done);
-    }
-    let rows = TABLES.iter().map(|table| {
+    let tables = TABLES.iter().map(|table| {
         let (made_by, needs) = made_by(table);
-        let cells = table.rows.iter().flat_map(|(_, cells)| cells);
-        let numbers = cells.flatten().count();
-        let words = [table.name, table.title, made_by, needs];
-        let mut row: Vec<GridCell> = words.into_iter().map(GridCell::words).collect();
-        row.insert(2, GridCell::count(numbers));
-        row.push(GridCell::words(at_hand(table)));
-        row
+        let datasets = table.datasets.iter().copied();
+        ListedTable {
+            name: table.name,
+            label: table.label,
+            title: table.title,
+            datasets: datasets.filter(|name| !name.is_empty()).collect(),
+            metrics: &table.metrics,
+            published_rows: table.rows.iter().map(|(label, _)| *label).collect(),
+            made_by,
+            needs,
+            at_hand: at_hand(table),
+            numbers: table
+                .rows
+                .iter()
+                .flat_map(|(_, cells)| cells)
+                .flatten()
+                .count(),
+        }
     });
-    let heads = [
-        "name",
-        "shows",
-        "numbers",
-        "rows of yours by",
-        "needs",
-        "available",
-    ];
-    let title = "Tables of the SHARP paper, with all of their numbers";
-    let grid = TextGrid::new(title, &heads, rows);
-    output::line(grid.text().trim_end())?;
+    output::print(&Catalogue(tables.collect()), json)?;
     Ok(Outcome::Done)
+}
+
+#[derive(Serialize)]
+struct ListedTable {
+    name: &'static str,
+    label: &'static str,
+    title: &'static str,
+    datasets: Vec<&'static str>,
+    metrics: &'static [&'static str],
+    published_rows: Vec<&'static str>,
+    made_by: &'static str,
+    needs: &'static str,
+    at_hand: String,
+    /// How many numbers are published.
+    #[serde(skip)]
+    numbers: usize,
+}
+
+#[derive(Serialize)]
+struct Catalogue(Vec<ListedTable>);
+
+impl Display for Catalogue {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let rows = self.0.iter().map(|table| {
+            let words = [table.name, table.title, table.made_by, table.needs];
+            let mut row: Vec<GridCell> = words.into_iter().map(GridCell::words).collect();
+            row.insert(2, GridCell::count(table.numbers));
+            row.push(GridCell::words(table.at_hand.as_str()));
+            row
+        });
+        let heads = [
+            "name",
+            "shows",
+            "numbers",
+            "rows of yours by",
+            "needs",
+            "available",
+        ];
+        let title = "Tables of the SHARP paper, with all of their numbers";
+        let grid = TextGrid::new(title, &heads, rows);
+        f.write_str(grid.text().trim_end())
+    }
 }

@@ -1,10 +1,13 @@
 //! `train`: trains a network from scratch, or resumes a training run.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use serde_json::json;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use sharp_train::position::Position;
 use sharp_train::trainer::Ended;
 
 use super::outcome::UsageError;
@@ -102,41 +105,69 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
         validated,
         page,
     } = train(request, &terminal)?;
-    if args.json {
-        let measured = validated.iter();
-        let measured = measured.map(|(name, value)| (name.clone(), json_number(*value)));
-        let sha256 = weights.as_deref().map(file_sha256).transpose()?;
-        output::json(&json!({
-            "complete": ended == Ended::Complete,
-            "stage": position.stage.number(),
-            "step": position.step,
-            "parameters": all,
-            "learning": learning,
-            "perceptual_network": perceptual_network,
-            "weights": weights.map(|path| path.display().to_string()),
-            "weights_sha256": sha256,
-            "validation": measured.collect::<serde_json::Map<_, _>>(),
-            "page": page.display().to_string(),
-        }))?;
-    } else {
-        for (name, value) in validated {
-            output::line(format!("{name}  {value:.4}"))?;
-        }
-        output::line(match &weights {
-            Some(path) => format!("weights {}", path.display()),
-            None => format!("stopped after {position}; the same command resumes it"),
-        })?;
-        output::line(format!(
-            "network {}, of which {learning} trained",
-            counted(all, "parameter")
-        ))?;
-        if let Some(network) = perceptual_network {
-            output::line(format!("perceptual loss on {network}"))?;
-        }
-        output::line(format!("page    {}", page.display()))?;
-    }
+    let measured = validated.iter();
+    let measured = measured.map(|(name, value)| (name.clone(), json_number(*value)));
+    let state = TrainingState {
+        complete: ended == Ended::Complete,
+        stage: position.stage.number(),
+        step: position.step,
+        parameters: all,
+        learning,
+        perceptual_network,
+        weights_sha256: weights.as_deref().map(file_sha256).transpose()?,
+        weights: weights.map(|path| path.display().to_string()),
+        validation: measured.collect(),
+        page: page.display().to_string(),
+        validated,
+        position,
+    };
+    output::print(&state, args.json)?;
     Ok(match ended {
         Ended::Complete => Outcome::Done,
         Ended::Stopped(_) => Outcome::Resumable,
     })
+}
+
+#[derive(Serialize)]
+struct TrainingState {
+    complete: bool,
+    stage: u64,
+    step: u64,
+    parameters: usize,
+    learning: usize,
+    perceptual_network: Option<&'static str>,
+    weights: Option<String>,
+    weights_sha256: Option<String>,
+    validation: Map<String, Value>,
+    page: String,
+    #[serde(skip)]
+    validated: Vec<(String, f64)>,
+    #[serde(skip)]
+    position: Position,
+}
+
+impl Display for TrainingState {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        for (name, value) in &self.validated {
+            writeln!(f, "{name}  {value:.4}")?;
+        }
+        match &self.weights {
+            Some(path) => writeln!(f, "weights {path}")?,
+            None => writeln!(
+                f,
+                "stopped after {}; the same command resumes it",
+                self.position
+            )?,
+        }
+        let parameters = counted(self.parameters, "parameter");
+        writeln!(
+            f,
+            "network {parameters}, of which {} trained",
+            self.learning
+        )?;
+        if let Some(network) = &self.perceptual_network {
+            writeln!(f, "perceptual loss on {network}")?;
+        }
+        write!(f, "page    {}", self.page)
+    }
 }

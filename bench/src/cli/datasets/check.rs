@@ -1,6 +1,8 @@
 //! `datasets check`: checks datasets for broken files and contradictions.
 
-use serde_json::json;
+use std::fmt::{self, Display, Formatter};
+
+use serde::Serialize;
 use sharp_datasets::DatasetSpec;
 use sharp_datasets::check::consistency::{Consistency, Fit};
 use sharp_datasets::check::{DatasetReport, SceneReport, check};
@@ -25,47 +27,54 @@ pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Res
         terminal.end();
     }
     let problems: usize = reports.iter().map(|report| report.problems).sum();
-    if json {
-        output::json(&json!({ "datasets": reports, "problems": problems }))?;
-    } else {
-        for report in &reports {
-            print(report)?;
-        }
-    }
+    let datasets = reports;
+    output::print(&Checked { datasets, problems }, json)?;
     Ok(Outcome::of_problems(problems > 0))
 }
 
-fn print(report: &DatasetReport) -> anyhow::Result<()> {
-    output::line(&report.dataset)?;
+#[derive(Serialize)]
+struct Checked {
+    datasets: Vec<DatasetReport>,
+    problems: usize,
+}
+
+impl Display for Checked {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.datasets
+            .iter()
+            .try_for_each(|report| write_report(f, report))
+    }
+}
+
+fn write_report(f: &mut Formatter<'_>, report: &DatasetReport) -> fmt::Result {
+    writeln!(f, "{}", report.dataset)?;
     for reading in &report.readings {
         let standing = match (reading.proxy, reading.open) {
             (true, _) => " (proxy: differs from the paper)",
             (false, true) => " (open in the paper)",
             (false, false) => "",
         };
-        output::line(format!(
-            "  reading {}={}{standing}",
-            reading.key, reading.value
-        ))?;
+        writeln!(f, "  reading {}={}{standing}", reading.key, reading.value)?;
     }
     for scene in &report.scenes {
-        print_scene(scene)?;
+        write_scene(f, scene)?;
     }
     for problem in &report.unreadable {
-        output::line(format!("  BROKEN {problem}"))?;
+        writeln!(f, "  BROKEN {problem}")?;
     }
     for ruled_out in &report.ruled_out {
-        output::line(format!("  note {ruled_out}"))?;
+        writeln!(f, "  note {ruled_out}")?;
     }
     let in_scenes: usize = report.scenes.iter().map(|s| s.problems.len()).sum();
     let views: usize = report.scenes.iter().map(|scene| scene.views).sum();
-    output::line(format!(
+    writeln!(
+        f,
         "{}, {}; {} unreadable; problems: {}",
         counted(report.scenes.len(), "scene"),
         counted(views, "view"),
         counted(report.problems - in_scenes, "scene"),
         report.problems
-    ))
+    )
 }
 
 /// Describes how well neighbouring views agree, as read and under the best convention.
@@ -92,7 +101,7 @@ fn poses(found: &Consistency) -> String {
     text
 }
 
-fn print_scene(scene: &SceneReport) -> anyhow::Result<()> {
+fn write_scene(f: &mut Formatter<'_>, scene: &SceneReport) -> fmt::Result {
     let sizes = match scene.sizes.as_slice() {
         sizes @ ([] | [_] | [_, _] | [_, _, _]) => sizes.join(", "),
         [first, .., last] => format!("{} sizes from {first} to {last}", scene.sizes.len()),
@@ -106,19 +115,20 @@ fn print_scene(scene: &SceneReport) -> anyhow::Result<()> {
         ),
         None => format!("no depth in {} decoded views", scene.decoded),
     };
-    output::line(format!(
+    writeln!(
+        f,
         "  {}: {}, {sizes}; {depth}",
         scene.id,
         counted(scene.views, "view")
-    ))?;
+    )?;
     if let Some(found) = &scene.consistency {
-        output::line(format!("    poses: {}", poses(found)))?;
+        writeln!(f, "    poses: {}", poses(found))?;
     }
     for note in &scene.notes {
-        output::line(format!("    note {note}"))?;
+        writeln!(f, "    note {note}")?;
     }
     for problem in &scene.problems {
-        output::line(format!("    BROKEN {problem}"))?;
+        writeln!(f, "    BROKEN {problem}")?;
     }
     Ok(())
 }

@@ -1,5 +1,8 @@
 //! `datasets list`: describes the known datasets.
 
+use std::fmt::{self, Display, Formatter};
+
+use serde::Serialize;
 use sharp_datasets::DatasetEntry;
 use sharp_datasets::registry::ENTRIES;
 use sharp_datasets::setting::{PICTURES, Setting};
@@ -8,50 +11,62 @@ use crate::cli::{Outcome, output};
 use crate::pairs::frame::Frame;
 
 pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
-    if json {
-        output::json(&ENTRIES)?;
-        return Ok(Outcome::Done);
-    }
-    for entry in ENTRIES {
-        print(entry)?;
-        entry.settings.iter().try_for_each(print_setting)?;
-        output::line("")?;
-    }
-    output::line("settings of every format with picture files")?;
-    PICTURES.iter().try_for_each(print_setting)?;
-    output::line(format!(
-        "every format also accepts frame=RULE, which resizes the dataset's views ({}), and pairs.KEY=VALUE, \
-         a pair option for this dataset only",
-        Frame::forms()
-    ))?;
-    output::line(
-        "open: the paper does not state the value; proxy: known to differ from the paper; reports \
-         mark both",
-    )?;
+    output::print(&Formats(&ENTRIES), json)?;
     Ok(Outcome::Done)
 }
 
-fn print_setting(setting: &Setting) -> anyhow::Result<()> {
-    output::line(format!(
+#[derive(Serialize)]
+struct Formats(&'static [&'static DatasetEntry]);
+
+impl Display for Formats {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        for entry in self.0 {
+            write_entry(f, entry)?;
+            entry
+                .settings
+                .iter()
+                .try_for_each(|setting| write_setting(f, setting))?;
+            writeln!(f)?;
+        }
+        writeln!(f, "settings of every format with picture files")?;
+        PICTURES
+            .iter()
+            .try_for_each(|setting| write_setting(f, setting))?;
+        writeln!(
+            f,
+            "every format also accepts frame=RULE, which resizes the dataset's views ({}), and pairs.KEY=VALUE, \
+             a pair option for this dataset only",
+            Frame::forms()
+        )?;
+        f.write_str(
+            "open: the paper does not state the value; proxy: known to differ from the paper; reports mark both",
+        )
+    }
+}
+
+fn write_setting(f: &mut Formatter<'_>, setting: &Setting) -> fmt::Result {
+    writeln!(
+        f,
         "  setting   {}={} by default: {}",
         setting.key, setting.default, setting.meaning
-    ))?;
+    )?;
     for choice in setting.choices {
         let standing = match (choice.proxy, setting.open) {
             (true, _) => " (proxy)",
             (false, true) => " (open)",
             (false, false) => "",
         };
-        output::line(format!(
+        writeln!(
+            f,
             "              {}={}{standing}  {}",
             setting.key, choice.value, choice.meaning
-        ))?;
+        )?;
     }
     Ok(())
 }
 
-fn print(entry: &DatasetEntry) -> anyhow::Result<()> {
-    output::line(format!("{}  {}", entry.format, entry.title))?;
+fn write_entry(f: &mut Formatter<'_>, entry: &DatasetEntry) -> fmt::Result {
+    writeln!(f, "{}  {}", entry.format, entry.title)?;
     for (what, text) in [
         ("page", entry.page),
         ("terms", entry.terms),
@@ -62,7 +77,7 @@ fn print(entry: &DatasetEntry) -> anyhow::Result<()> {
         ("unclear", entry.caveat),
     ] {
         if !text.is_empty() {
-            output::line(format!("  {what:<9} {text}"))?;
+            writeln!(f, "  {what:<9} {text}")?;
         }
     }
     Ok(())

@@ -1,10 +1,10 @@
 //! `datasets list --needed-for`: lists exactly the files that a pair list needs.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use serde_json::json;
 use sharp_datasets::registry::ENTRIES;
 use sharp_datasets::required_files::{FileRole, RequiredFile};
 use sharp_datasets::{DatasetEntry, DatasetSpec, Pairing, Scene, View};
@@ -34,6 +34,19 @@ struct Listed {
     present: Option<bool>,
 }
 
+#[derive(Serialize)]
+struct NeededFiles<'a> {
+    sha256: &'a str,
+    datasets: Vec<Needed>,
+    missing: usize,
+}
+
+impl Display for NeededFiles<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.datasets.iter().try_for_each(|needed| needed.fmt(f))
+    }
+}
+
 pub(super) fn execute(list: &Path, specs: &[String], json: bool) -> anyhow::Result<Outcome> {
     let list = PairList::read(list)?;
     let mut specs: BTreeMap<String, DatasetSpec> = specs
@@ -53,13 +66,12 @@ pub(super) fn execute(list: &Path, specs: &[String], json: bool) -> anyhow::Resu
         .map(|name| needed(&list, name, specs.remove(name)))
         .collect();
     let missing: usize = found.iter().filter_map(|needed| needed.missing).sum();
-    if json {
-        output::json(&json!({ "sha256": list.sha256, "datasets": found, "missing": missing }))?;
-    } else {
-        for needed in &found {
-            print(needed)?;
-        }
-    }
+    let files = NeededFiles {
+        sha256: &list.sha256,
+        datasets: found,
+        missing,
+    };
+    output::print(&files, json)?;
     Ok(Outcome::of_problems(missing > 0))
 }
 
@@ -172,37 +184,40 @@ fn of_split(mut file: RequiredFile, split: Option<&str>) -> Option<RequiredFile>
     Some(file)
 }
 
-fn print(needed: &Needed) -> anyhow::Result<()> {
-    let format = match needed.format {
-        Some(format) if format != needed.dataset => format!(" ({format})"),
-        Some(_) => String::new(),
-        None => " (format unknown: give it with --dataset NAME:FORMAT=PATH)".to_owned(),
-    };
-    output::line(format!(
-        "{}{format}: {}, {}",
-        needed.dataset,
-        counted(needed.pairs, "selected pair"),
-        counted(needed.files.len(), "file")
-    ))?;
-    for archive in &needed.archives {
-        output::line(format!("  download {archive}"))?;
-    }
-    for listed in &needed.files {
-        let role = match listed.file.role {
-            FileRole::Picture => "picture",
-            FileRole::Camera => "camera",
-            FileRole::List => "list",
-            FileRole::Mask => "mask",
-            FileRole::Depth => "depth",
+impl Display for Needed {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let format = match self.format {
+            Some(format) if format != self.dataset => format!(" ({format})"),
+            Some(_) => String::new(),
+            None => " (format unknown: give it with --dataset NAME:FORMAT=PATH)".to_owned(),
         };
-        let names = std::iter::once(&listed.file.path).chain(&listed.file.or);
-        let names: Vec<&str> = names.map(String::as_str).collect();
-        let absent = if listed.present == Some(false) {
-            "  NOT THERE"
-        } else {
-            ""
-        };
-        output::line(format!("  {role:<8} {}{absent}", names.join(" or ")))?;
+        writeln!(
+            f,
+            "{}{format}: {}, {}",
+            self.dataset,
+            counted(self.pairs, "selected pair"),
+            counted(self.files.len(), "file")
+        )?;
+        for archive in &self.archives {
+            writeln!(f, "  download {archive}")?;
+        }
+        for listed in &self.files {
+            let role = match listed.file.role {
+                FileRole::Picture => "picture",
+                FileRole::Camera => "camera",
+                FileRole::List => "list",
+                FileRole::Mask => "mask",
+                FileRole::Depth => "depth",
+            };
+            let names = std::iter::once(&listed.file.path).chain(&listed.file.or);
+            let names: Vec<&str> = names.map(String::as_str).collect();
+            let absent = if listed.present == Some(false) {
+                "  NOT THERE"
+            } else {
+                ""
+            };
+            writeln!(f, "  {role:<8} {}{absent}", names.join(" or "))?;
+        }
+        Ok(())
     }
-    Ok(())
 }

@@ -1,6 +1,8 @@
 //! Explains metric keys, without pictures.
 
-use serde_json::json;
+use std::fmt::{self, Display, Formatter};
+
+use serde::Serialize;
 use sharp_metrics::weights::Published;
 use sharp_metrics::{MetricInfo, Scorer};
 
@@ -10,37 +12,44 @@ use crate::report::metrics_text::MethodsText;
 
 /// Prints each key's convention, and the public code that computes the same value.
 pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
-    let infos = scorer.info();
-    if json {
-        output::json(&infos)?;
-        return Ok(Outcome::Done);
-    }
-    for info in infos {
-        let direction = Column::from(&info).direction_words();
-        let MetricInfo { key, alias, .. } = &info;
-        output::line(format!("{key}  (--metrics {alias}; {direction})"))?;
-        output::line(format!("    {}", info.convention))?;
-        output::line(format!(
-            "    Input range {}; resizing: {}; {}.",
-            info.input_range, info.resize, info.precision
-        ))?;
-        if let (Some(own), Some(backbone)) = (info.own_weights, info.backbone) {
-            let network = match &backbone.features_sha256 {
-                None => format!(
-                    "{} of torchvision, missing",
-                    Published::of(backbone.name).file
-                ),
-                Some(_) if backbone.is_unpublished() => format!("{backbone}, unpublished"),
-                Some(_) => format!("{backbone}, torchvision's"),
-            };
-            output::line(format!(
-                "    Weights: {network}; {} of {}, built in (sha256 {}).",
-                own.file, own.package, own.sha256
-            ))?;
-        }
-        output::line("")?;
-    }
+    output::print(&Conventions(scorer.info()), json)?;
     Ok(Outcome::Done)
+}
+
+#[derive(Serialize)]
+struct Conventions(Vec<MetricInfo>);
+
+impl Display for Conventions {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        for info in &self.0 {
+            let direction = Column::from(info).direction_words();
+            let MetricInfo { key, alias, .. } = info;
+            writeln!(f, "{key}  (--metrics {alias}; {direction})")?;
+            writeln!(f, "    {}", info.convention)?;
+            writeln!(
+                f,
+                "    Input range {}; resizing: {}; {}.",
+                info.input_range, info.resize, info.precision
+            )?;
+            if let (Some(own), Some(backbone)) = (&info.own_weights, &info.backbone) {
+                let network = match &backbone.features_sha256 {
+                    None => format!(
+                        "{} of torchvision, missing",
+                        Published::of(backbone.name).file
+                    ),
+                    Some(_) if backbone.is_unpublished() => format!("{backbone}, unpublished"),
+                    Some(_) => format!("{backbone}, torchvision's"),
+                };
+                writeln!(
+                    f,
+                    "    Weights: {network}; {} of {}, built in (sha256 {}).",
+                    own.file, own.package, own.sha256
+                )?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
 }
 
 /// Prints a paragraph for a paper.
@@ -51,15 +60,25 @@ pub(in crate::cli) fn methods_text(text: &MethodsText, json: bool) -> anyhow::Re
              with `sharp-bench weights fetch {backbone}` or `--weights {backbone}=FILE`"
         ));
     }
-    if json {
-        output::json(&json!({"latex": text.latex, "bibtex": text.bibtex}))?;
-    } else {
-        output::line(&text.latex)?;
-        output::line("")?;
-        // Print as comments, so that all of it can be pasted into a document.
-        for line in text.bibtex.lines() {
-            output::line(format!("% {line}").trim_end())?;
-        }
-    }
+    let paragraph = Paragraph {
+        latex: &text.latex,
+        bibtex: &text.bibtex,
+    };
+    output::print(&paragraph, json)?;
     Ok(Outcome::Done)
+}
+
+#[derive(Serialize)]
+struct Paragraph<'a> {
+    latex: &'a str,
+    bibtex: &'a str,
+}
+
+impl Display for Paragraph<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}\n", self.latex)?;
+        // As comments, so that all of it can be pasted into a document.
+        let mut lines = self.bibtex.lines();
+        lines.try_for_each(|line| writeln!(f, "{}", format!("% {line}").trim_end()))
+    }
 }

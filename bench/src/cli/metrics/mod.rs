@@ -182,11 +182,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         resize: args.resize_prediction,
         warnings,
     };
-    if args.json {
-        output::json(&results.json())?;
-    } else {
-        results.print()?;
-    }
+    output::print(&results, args.json)?;
     if let Some(path) = &args.csv {
         write_atomic(path, &results.csv())?;
     }

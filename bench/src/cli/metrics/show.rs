@@ -1,12 +1,14 @@
 //! Results as text, JSON and CSV.
 
+use std::fmt::{self, Display, Formatter};
+
+use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 use sharp_metrics::{
     Family, MetricInfo, MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_names,
 };
 
 use super::find::Sought;
-use super::output;
 use super::scored::Scored;
 use crate::evaluate::results::number;
 use crate::io::counts::counted;
@@ -48,7 +50,7 @@ impl ScoredPairs<'_> {
     }
 
     /// The JSON output, a stable interface for scripts: keys may be added but are never removed.
-    pub(super) fn json(&self) -> Value {
+    fn json(&self) -> Value {
         let infinite = self.keys().filter_map(|(at, key)| {
             let scores = self.scored.iter().map(|pair| &pair.scores[at].1);
             let count = scores
@@ -127,95 +129,6 @@ impl ScoredPairs<'_> {
         value
     }
 
-    pub(super) fn print(&self) -> anyhow::Result<()> {
-        if let [pair] = self.scored {
-            for (key, score) in &pair.scores {
-                output::line(format!("{:<36} {}", key.to_string(), in_words(score)))?;
-            }
-            self.print_terms(pair)?;
-        } else {
-            self.print_folder()?;
-        }
-        let resized = self.scored.iter();
-        let resized = resized.filter(|pair| pair.resized_from.is_some()).count();
-        if let Some(kernel) = self.resize.filter(|_| resized > 0) {
-            let predictions = counted(resized, "prediction");
-            let how = kernel.describe();
-            output::line(format!("{predictions} resized: {kernel}, {how}"))?;
-        }
-        let masked: Vec<f64> = self
-            .scored
-            .iter()
-            .filter(|pair| pair.mask.is_some())
-            .map(|pair| pair.left)
-            .collect();
-        if !masked.is_empty() {
-            let mean = 100.0 * masked.iter().sum::<f64>() / masked.len() as f64;
-            let of_pairs = match masked.len() {
-                1 => String::new(),
-                count => format!(", mean of {count} pairs"),
-            };
-            output::line(format!(
-                "mask: {mean:.1} % of the pixels count under @mask{of_pairs}"
-            ))?;
-        }
-        for used in self.scorer.weights() {
-            output::line(weights_line(used))?;
-        }
-        for (_, files, _) in self.scored.iter().flat_map(|pair| &pair.maps) {
-            output::line(format!("map {}", files.png.display()))?;
-        }
-        self.sought
-            .map_or(Ok(()), |sought| self.print_found(sought))
-    }
-
-    fn print_folder(&self) -> anyhow::Result<()> {
-        for pair in self.scored {
-            output::line(pair.prediction.display().to_string())?;
-            for (key, score) in &pair.scores {
-                if let Ok(value) = score {
-                    output::line(format!("  {:<34} {}", key.to_string(), number(*value)))?;
-                }
-            }
-            self.print_terms(pair)?;
-        }
-        output::line(format!("mean of {} pairs", self.scored.len()))?;
-        for (at, key) in self.keys() {
-            let mut reasons = self
-                .scored
-                .iter()
-                .filter_map(|pair| pair.scores[at].1.as_ref().err());
-            let mean = self
-                .mean(at)
-                .ok_or_else(|| reasons.next().cloned().unwrap_or_default());
-            output::line(format!("  {:<34} {}", key.to_string(), in_words(&mean)))?;
-        }
-        Ok(())
-    }
-
-    fn print_terms(&self, pair: &Scored) -> anyhow::Result<()> {
-        if !self.terms {
-            return Ok(());
-        }
-        for (key, terms) in &pair.terms {
-            let names = term_names(key.metric()).iter();
-            match terms {
-                Terms::Lpips { layers } => {
-                    for (name, value) in names.zip(layers) {
-                        output::line(format!("  {key} {name} {}", number(*value)))?;
-                    }
-                }
-                Terms::Dists { structure, texture } => {
-                    for ((name, s), t) in names.zip(structure).zip(texture) {
-                        let (s, t) = (number(*s), number(*t));
-                        output::line(format!("  {key} {name} structure {s} texture {t}"))?;
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-
     /// The metrics whose value (or mean over the pairs) prints as the sought number.
     fn found(&self, sought: &Sought) -> Vec<(MetricKey, f64)> {
         self.means()
@@ -240,30 +153,79 @@ impl ScoredPairs<'_> {
         first.iter().filter_map(mean).collect()
     }
 
-    fn print_found(&self, sought: &Sought) -> anyhow::Result<()> {
+    fn write_folder(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        for pair in self.scored {
+            writeln!(f, "{}", pair.prediction.display())?;
+            for (key, score) in &pair.scores {
+                if let Ok(value) = score {
+                    writeln!(f, "  {:<34} {}", key.to_string(), number(*value))?;
+                }
+            }
+            self.write_terms(f, pair)?;
+        }
+        writeln!(f, "mean of {} pairs", self.scored.len())?;
+        for (at, key) in self.keys() {
+            let mut reasons = self
+                .scored
+                .iter()
+                .filter_map(|pair| pair.scores[at].1.as_ref().err());
+            let mean = self
+                .mean(at)
+                .ok_or_else(|| reasons.next().cloned().unwrap_or_default());
+            writeln!(f, "  {:<34} {}", key.to_string(), in_words(&mean))?;
+        }
+        Ok(())
+    }
+
+    fn write_terms(&self, f: &mut Formatter<'_>, pair: &Scored) -> fmt::Result {
+        if !self.terms {
+            return Ok(());
+        }
+        for (key, terms) in &pair.terms {
+            let names = term_names(key.metric()).iter();
+            match terms {
+                Terms::Lpips { layers } => {
+                    for (name, value) in names.zip(layers) {
+                        writeln!(f, "  {key} {name} {}", number(*value))?;
+                    }
+                }
+                Terms::Dists { structure, texture } => {
+                    for ((name, s), t) in names.zip(structure).zip(texture) {
+                        let (s, t) = (number(*s), number(*t));
+                        writeln!(f, "  {key} {name} structure {s} texture {t}")?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn write_found(&self, f: &mut Formatter<'_>, sought: &Sought) -> fmt::Result {
         let found = self.found(sought);
         let others = self.other_means();
         let mut is_found = !found.is_empty();
         for (key, value) in &found {
-            output::line(format!("{} is {key} ({})", sought.text, number(*value)))?;
-            output::line(format!("    {}", MetricInfo::new(*key, &[]).convention))?;
+            writeln!(f, "{} is {key} ({})", sought.text, number(*value))?;
+            writeln!(f, "    {}", MetricInfo::new(*key, &[]).convention)?;
         }
         for form in others.iter().filter(|form| sought.is(form.value)) {
             is_found = true;
             let value = number(form.value);
-            output::line(format!(
+            writeln!(
+                f,
                 "{} is {} ({value}), which is not among the columns here",
                 sought.text, form.name
-            ))?;
-            output::line(format!("    {}", form.convention))?;
+            )?;
+            writeln!(f, "    {}", form.convention)?;
         }
         if is_found {
             return Ok(());
         }
-        output::line(format!(
+        writeln!(
+            f,
             "{} matches none of the selected metrics and none of their known variants",
             sought.text
-        ))?;
+        )?;
         // Only compare numbers of the same kind.
         let own = self
             .means()
@@ -277,11 +239,12 @@ impl ScoredPairs<'_> {
             let of_family = all.iter().filter(|(other, ..)| *other == family);
             let nearest = of_family.min_by(|a, b| distance(a.2).total_cmp(&distance(b.2)));
             if let Some((_, name, value)) = nearest {
-                output::line(format!(
+                writeln!(
+                    f,
                     "  nearest {:<6} {name} ({})",
                     family.name(),
                     number(*value)
-                ))?;
+                )?;
             }
         }
         Ok(())
@@ -317,6 +280,57 @@ impl ScoredPairs<'_> {
             row
         });
         csv_bytes(header, rows)
+    }
+}
+
+impl Serialize for ScoredPairs<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.json().serialize(serializer)
+    }
+}
+
+impl Display for ScoredPairs<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        if let [pair] = self.scored {
+            for (key, score) in &pair.scores {
+                writeln!(f, "{:<36} {}", key.to_string(), in_words(score))?;
+            }
+            self.write_terms(f, pair)?;
+        } else {
+            self.write_folder(f)?;
+        }
+        let resized = self.scored.iter();
+        let resized = resized.filter(|pair| pair.resized_from.is_some()).count();
+        if let Some(kernel) = self.resize.filter(|_| resized > 0) {
+            let predictions = counted(resized, "prediction");
+            let how = kernel.describe();
+            writeln!(f, "{predictions} resized: {kernel}, {how}")?;
+        }
+        let masked: Vec<f64> = self
+            .scored
+            .iter()
+            .filter(|pair| pair.mask.is_some())
+            .map(|pair| pair.left)
+            .collect();
+        if !masked.is_empty() {
+            let mean = 100.0 * masked.iter().sum::<f64>() / masked.len() as f64;
+            let of_pairs = match masked.len() {
+                1 => String::new(),
+                count => format!(", mean of {count} pairs"),
+            };
+            writeln!(
+                f,
+                "mask: {mean:.1} % of the pixels count under @mask{of_pairs}"
+            )?;
+        }
+        for used in self.scorer.weights() {
+            writeln!(f, "{}", weights_line(used))?;
+        }
+        for (_, files, _) in self.scored.iter().flat_map(|pair| &pair.maps) {
+            writeln!(f, "map {}", files.png.display())?;
+        }
+        self.sought
+            .map_or(Ok(()), |sought| self.write_found(f, sought))
     }
 }
 

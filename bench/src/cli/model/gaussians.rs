@@ -1,5 +1,6 @@
 //! `gaussians info` and `gaussians convert`.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
@@ -335,77 +336,85 @@ fn info(ply: &Path, given: &ReadingArgs, json: bool) -> anyhow::Result<Outcome> 
     if given.axes.is_some() {
         turn(&mut scene.gaussians, &mut scene.doubts, given.axes).map_err(anyhow::Error::msg)?;
     }
-    let info = describe(&scene);
-    if json {
-        output::json(&info)?;
-        return Ok(Outcome::Done);
-    }
-    output::line(format!("Gaussians        {}", info.gaussians))?;
-    if let Some(n) = info.per_layer {
-        output::line(format!("per layer        {n} (two layers)"))?;
-    }
-    output::line(format!(
-        "not finite       {} (the renderer drops them)",
-        info.not_finite
-    ))?;
-    output::line(format!(
-        "quaternion zero  {} (dropped too)",
-        info.zero_quaternions
-    ))?;
-    output::line(format!(
-        "opacity < 1/255  {} (never visible)",
-        info.below_visibility
-    ))?;
-    let space = info.color_space.as_deref();
-    let view = match info.is_view_dependent {
-        true => "depend on the view",
-        false => "equal from all sides",
-    };
-    output::line(format!(
-        "colours          {}, degree {}, {view}",
-        space.unwrap_or("linear or srgb; the file does not say"),
-        info.color_degree
-    ))?;
-    if let Some(generator) = info.generator {
-        output::line(format!("written by       {generator}"))?;
-    }
-    if !info.marks.is_empty() {
-        output::line(format!("made to be drawn {}", info.marks.join(", ")))?;
-    }
-    if let (Some([w, h]), Some([fx, fy])) = (info.image_size, info.focal_px) {
-        output::line(format!(
-            "photograph       {w}x{h}, focal length {fx:.2} {fy:.2} px"
-        ))?;
-    }
-    output::line(
-        "                 least      10 %      25 %      50 %      75 %      90 %      most",
-    )?;
-    for (name, distribution) in [
-        ("opacity", &info.opacity),
-        ("scale (m)", &info.scale),
-        ("x (m)", &info.x),
-        ("y (m)", &info.y),
-        ("depth (m)", &info.depth),
-    ] {
-        if let Some(Distribution {
-            quantiles,
-            histogram,
-        }) = distribution
-        {
-            let numbers: String = quantiles.iter().map(|q| format!("{q:>10.4}")).collect();
-            output::line(format!("{name:<12}{numbers}"))?;
-            output::line(format!("{:<12}  {}", "", bars(histogram)))?;
-        }
-    }
-    let verdict = match info.implausible.is_empty() {
-        true => "plausible as the camera's space, OpenCV axes, metres".to_owned(),
-        false => info.implausible.join("; "),
-    };
-    output::line(format!("space        {verdict}"))?;
-    for doubt in &info.doubts {
-        output::line(format!("reading      {doubt}"))?;
-    }
+    output::print(&describe(&scene), json)?;
     Ok(Outcome::Done)
+}
+
+impl Display for Info {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        writeln!(f, "Gaussians        {}", self.gaussians)?;
+        if let Some(n) = self.per_layer {
+            writeln!(f, "per layer        {n} (two layers)")?;
+        }
+        writeln!(
+            f,
+            "not finite       {} (the renderer drops them)",
+            self.not_finite
+        )?;
+        writeln!(
+            f,
+            "quaternion zero  {} (dropped too)",
+            self.zero_quaternions
+        )?;
+        writeln!(
+            f,
+            "opacity < 1/255  {} (never visible)",
+            self.below_visibility
+        )?;
+        let space = self.color_space.as_deref();
+        let view = match self.is_view_dependent {
+            true => "depend on the view",
+            false => "equal from all sides",
+        };
+        writeln!(
+            f,
+            "colours          {}, degree {}, {view}",
+            space.unwrap_or("linear or srgb; the file does not say"),
+            self.color_degree
+        )?;
+        if let Some(generator) = self.generator {
+            writeln!(f, "written by       {generator}")?;
+        }
+        if !self.marks.is_empty() {
+            writeln!(f, "made to be drawn {}", self.marks.join(", "))?;
+        }
+        if let (Some([w, h]), Some([fx, fy])) = (self.image_size, self.focal_px) {
+            writeln!(
+                f,
+                "photograph       {w}x{h}, focal length {fx:.2} {fy:.2} px"
+            )?;
+        }
+        writeln!(
+            f,
+            "                 least      10 %      25 %      50 %      75 %      90 %      most",
+        )?;
+        for (name, distribution) in [
+            ("opacity", &self.opacity),
+            ("scale (m)", &self.scale),
+            ("x (m)", &self.x),
+            ("y (m)", &self.y),
+            ("depth (m)", &self.depth),
+        ] {
+            if let Some(Distribution {
+                quantiles,
+                histogram,
+            }) = distribution
+            {
+                let numbers: String = quantiles.iter().map(|q| format!("{q:>10.4}")).collect();
+                writeln!(f, "{name:<12}{numbers}")?;
+                writeln!(f, "{:<12}  {}", "", bars(histogram))?;
+            }
+        }
+        let verdict = match self.implausible.is_empty() {
+            true => "plausible as the camera's space, OpenCV axes, metres".to_owned(),
+            false => self.implausible.join("; "),
+        };
+        writeln!(f, "space        {verdict}")?;
+        for doubt in &self.doubts {
+            writeln!(f, "reading      {doubt}")?;
+        }
+        Ok(())
+    }
 }
 
 fn bars(histogram: &[usize; 10]) -> String {

@@ -1,17 +1,18 @@
 //! `parity`: compares a network with a recording stage by stage, or a port's Gaussians with ours.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use clap::Args;
 use glam::DAffine3;
 use serde::Serialize;
-use serde_json::json;
+use serde_json::Value;
 use sharp::camera::Intrinsics;
 use sharp::gaussian_files::turn;
 use sharp::gaussians::Gaussians;
 use sharp::model::Silent;
-use sharp::model::recording::{Recording, compare};
+use sharp::model::recording::{Recording, StageComparison, compare};
 use sharp::ply::ColorSpace;
 use sharp::render::Rule;
 use sharp::unprojection::{release_intrinsics, unproject};
@@ -118,6 +119,67 @@ struct PortParity {
     differences: PortComparison,
     /// PSNR between both renderings in the photograph's camera, dB; `null` if they are equal.
     rendered_psnr: Option<f64>,
+    #[serde(skip)]
+    psnr: f64,
+    /// Number of Gaussians of the port and of the reference.
+    #[serde(skip)]
+    counts: [usize; 2],
+}
+
+impl PortParity {
+    /// The settings under which the port's Gaussians agree better, `key=value,…`.
+    fn settings(&self) -> String {
+        let settings = self.differences.settings.iter();
+        let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();
+        settings.join(",")
+    }
+}
+
+impl Display for PortParity {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let PortComparison {
+            order,
+            extra,
+            missing,
+            not_finite,
+            as_read,
+            with_settings,
+            ..
+        } = &self.differences;
+        let [port, reference] = self.counts;
+        writeln!(
+            f,
+            "{port} Gaussians for {reference}, in {order}; {extra} are extra, {missing} missing, {not_finite} not finite"
+        )?;
+        writeln!(
+            f,
+            "{:<24} {:>11} {:>11} {:>11}",
+            "", "median", "99 %", "largest"
+        )?;
+        let write = |f: &mut Formatter<'_>, fields: &[FieldDifference]| {
+            fields.iter().try_for_each(|field| {
+                let name = format!("{}, {}", field.field, field.unit);
+                let FieldDifference {
+                    median,
+                    p99,
+                    largest,
+                    ..
+                } = field;
+                writeln!(f, "{name:<24} {median:>11.3} {p99:>11.3} {largest:>11.3}")
+            })
+        };
+        write(f, as_read)?;
+        let settings = self.settings();
+        if !settings.is_empty() {
+            writeln!(f, "with {settings}:")?;
+            write(f, with_settings)?;
+        }
+        write!(
+            f,
+            "both rendered into the photograph's camera: {:.2} dB PSNR apart",
+            self.psnr
+        )
+    }
 }
 
 fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
@@ -137,48 +199,19 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
     let found = PortParity {
         differences,
         rendered_psnr: psnr.is_finite().then_some(psnr),
+        psnr,
+        counts: [file.gaussians.len(), reference.len()],
     };
     let tolerance = args.tolerance.unwrap_or(0.5);
+    output::print(&found, args.json)?;
+    let settings = found.settings();
     let PortComparison {
-        order,
         extra,
         missing,
         not_finite,
         as_read,
-        settings,
-        with_settings,
+        ..
     } = &found.differences;
-    let settings: Vec<String> = settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
-    if args.json {
-        output::json(&found)?;
-    } else {
-        output::line(format!(
-            "{} Gaussians for {}, in {order}; {extra} are extra, {missing} missing, {not_finite} not finite",
-            file.gaussians.len(),
-            reference.len()
-        ))?;
-        output::line(format!(
-            "{:<24} {:>11} {:>11} {:>11}",
-            "", "median", "99 %", "largest"
-        ))?;
-        let print = |fields: &[FieldDifference]| {
-            fields.iter().try_for_each(|f| {
-                let name = format!("{}, {}", f.field, f.unit);
-                output::line(format!(
-                    "{name:<24} {:>11.3} {:>11.3} {:>11.3}",
-                    f.median, f.p99, f.largest
-                ))
-            })
-        };
-        print(as_read)?;
-        if !settings.is_empty() {
-            output::line(format!("with {}:", settings.join(",")))?;
-            print(with_settings)?;
-        }
-        output::line(format!(
-            "both rendered into the photograph's camera: {psnr:.2} dB PSNR apart"
-        ))?;
-    }
     let beyond = as_read
         .iter()
         .filter(|f| f.p99.is_nan() || f.p99 > tolerance);
@@ -203,7 +236,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
     if !beyond.is_empty() {
         let explained = match settings.is_empty() {
             true => String::new(),
-            false => format!("; `{}` explains most of it", settings.join(",")),
+            false => format!("; `{settings}` explains most of it"),
         };
         bail!(
             "{}: differs by more than {tolerance} at the 99th percentile: {}{explained}",
@@ -212,6 +245,58 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         );
     }
     Ok(Outcome::Done)
+}
+
+#[derive(Serialize)]
+struct ComparedStages<'a> {
+    stages: Vec<ComparedStage<'a>>,
+    first_divergence: Option<&'a str>,
+    #[serde(skip)]
+    tolerance: f64,
+}
+
+#[derive(Serialize)]
+struct ComparedStage<'a> {
+    stage: &'a str,
+    rel_error: Value,
+    values: usize,
+    #[serde(skip)]
+    found: &'a StageComparison,
+}
+
+impl<'a> ComparedStage<'a> {
+    fn new(found: &'a StageComparison) -> Self {
+        Self {
+            stage: &found.stage,
+            rel_error: json_number(found.rel_error),
+            values: found.values,
+            found,
+        }
+    }
+}
+
+impl Display for ComparedStages<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        for ComparedStage {
+            stage,
+            values,
+            found,
+            ..
+        } in &self.stages
+        {
+            let mark = match found.rel_error <= self.tolerance {
+                true => ' ',
+                false => '!',
+            };
+            let note = found.note.as_deref().unwrap_or_default();
+            writeln!(
+                f,
+                "{mark} {stage:<36} {:>10.2e}  {values:>9} values {note}",
+                found.rel_error
+            )?;
+        }
+        Ok(())
+    }
 }
 
 fn of_stages(args: &ParityArgs, golden: &Path, image: &Path) -> anyhow::Result<Outcome> {
@@ -231,27 +316,13 @@ fn of_stages(args: &ParityArgs, golden: &Path, image: &Path) -> anyhow::Result<O
         prefix,
     )?;
     let first = comparison.first_divergence(tolerance);
-    if args.json {
-        let stages = comparison.stages.iter().map(
-            |s| json!({ "stage": s.stage, "rel_error": json_number(s.rel_error), "values": s.values }),
-        );
-        output::json(&json!({
-            "stages": stages.collect::<Vec<_>>(),
-            "first_divergence": first.map(|s| s.stage.as_str()),
-        }))?;
-    } else {
-        for stage in &comparison.stages {
-            let mark = match stage.rel_error <= tolerance {
-                true => ' ',
-                false => '!',
-            };
-            let note = stage.note.as_deref().unwrap_or_default();
-            output::line(format!(
-                "{mark} {:<36} {:>10.2e}  {:>9} values {note}",
-                stage.stage, stage.rel_error, stage.values
-            ))?;
-        }
-    }
+    let stages = comparison.stages.iter();
+    let compared = ComparedStages {
+        stages: stages.map(ComparedStage::new).collect(),
+        first_divergence: first.map(|stage| stage.stage.as_str()),
+        tolerance,
+    };
+    output::print(&compared, args.json)?;
     if let Some(stage) = first {
         let note = stage.note.as_ref();
         bail!(

@@ -1,23 +1,25 @@
 //! `pairs --dataset … --out FILE`: builds a dataset's pair list.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
-use serde_json::json;
+use serde::Serialize;
 
 use super::super::data_args::DatasetArgs;
 use super::super::output::Terminal;
 use super::super::{Outcome, output};
 use crate::config::OverlapConfig;
 use crate::io::atomic_files::write_over_own;
-use crate::pairs::PairOptions;
 use crate::pairs::advice::counted_pairs;
 use crate::pairs::ambiguity::{Alternative, other_readings};
+use crate::pairs::build::PairCounts;
 use crate::pairs::options::paper::PROXY;
 use crate::pairs::pair_list::LIST_MARK;
 use crate::pairs::provenance::ListCompanion;
+use crate::pairs::{PairOptions, PairProvenance};
 
 /// Options of `pairs` without a subcommand.
 #[derive(Debug, Args)]
@@ -52,7 +54,12 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     if args.ambiguity {
         let readings = other_readings(&datasets, args.datasets.scenes.as_deref())?;
         let rows = recipe.ambiguity(&datasets, &readings, cache.as_ref(), &terminal)?;
-        return print_ambiguity(&rows, &recipe.options, args.json);
+        let ambiguity = Ambiguity {
+            options: recipe.options.to_string(),
+            choices: rows,
+        };
+        output::print(&ambiguity, args.json)?;
+        return Ok(Outcome::Done);
     }
     let out = args.out.as_deref().context("give --out FILE")?;
     let built = recipe.build(&datasets, cache.as_ref(), &terminal)?;
@@ -66,76 +73,93 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
         output::remark(format!("warning: {advice}"));
     }
 
-    if args.json {
-        output::json(&json!({
-            "out": out.display().to_string(),
-            "sha256": list.sha256,
-            "options": recipe.options.to_string(),
-            "overlap_depth": built.common_depth(),
-            "choices": built.provenance,
-            "proxies": recipe.options.proxies(),
-            "warnings": built.advice,
-            "datasets": build.summaries,
-        }))?;
-        return Ok(outcome);
-    }
-    for (dataset, counts) in &build.summaries {
-        output::line(counted_pairs(dataset, counts))?;
-    }
-    for (dataset, choices) in &built.provenance {
-        for proxy in choices.options.proxies() {
-            output::line(format!("{dataset}: {proxy} ({PROXY})"))?;
-        }
-        output::line(format!("{dataset}: depth {}", choices.overlap_depth))?;
-    }
-    output::line(format!("sha256  {}", list.sha256))?;
-    output::line(format!("list    {}", out.display()))?;
+    let built = BuiltList {
+        out: out.display().to_string(),
+        sha256: &list.sha256,
+        options: recipe.options.to_string(),
+        overlap_depth: built.common_depth(),
+        choices: &built.provenance,
+        proxies: recipe.options.proxies(),
+        warnings: &built.advice,
+        datasets: &build.summaries,
+    };
+    output::print(&built, args.json)?;
     Ok(outcome)
 }
 
-/// For `pairs --ambiguity`: prints how the number of pairs depends on each open choice.
-fn print_ambiguity(
-    rows: &[Alternative],
-    base: &PairOptions,
-    json: bool,
-) -> anyhow::Result<Outcome> {
-    if json {
-        output::json(&json!({ "options": base.to_string(), "choices": rows }))?;
-        return Ok(Outcome::Done);
+#[derive(Serialize)]
+struct BuiltList<'a> {
+    out: String,
+    sha256: &'a str,
+    options: String,
+    overlap_depth: Option<&'a str>,
+    choices: &'a BTreeMap<String, PairProvenance>,
+    proxies: Vec<String>,
+    warnings: &'a [String],
+    datasets: &'a BTreeMap<String, PairCounts>,
+}
+
+impl Display for BuiltList<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        for (dataset, counts) in self.datasets {
+            writeln!(f, "{}", counted_pairs(dataset, counts))?;
+        }
+        for (dataset, choices) in self.choices {
+            for proxy in choices.options.proxies() {
+                writeln!(f, "{dataset}: {proxy} ({PROXY})")?;
+            }
+            writeln!(f, "{dataset}: depth {}", choices.overlap_depth)?;
+        }
+        write!(f, "sha256  {}\nlist    {}", self.sha256, self.out)
     }
-    let datasets: BTreeSet<&String> = rows
-        .iter()
-        .flat_map(|row| row.counts.keys().chain(row.unavailable.keys()))
-        .collect();
-    for dataset in datasets {
-        output::line(format!("{dataset}, one choice changed at a time:"))?;
-        output::line(format!(
-            "  {:<18} {:<28} {:>8} {:>8} {:>8}",
-            "about", "choice", "qualify", "selected", "shared"
-        ))?;
-        for row in rows {
-            let change = if row.change.is_empty() {
-                "(as given)"
-            } else {
-                &row.change
-            };
-            if let Some(count) = row.counts.get(dataset) {
-                output::line(format!(
-                    "  {:<18} {change:<28} {:>8} {:>8} {:>8}",
-                    row.about, count.qualified, count.selected, count.shared
-                ))?;
-            } else if let Some(reason) = row.unavailable.get(dataset) {
-                output::line(format!(
-                    "  {:<18} {change:<28} cannot be opened: {reason}",
-                    row.about
-                ))?;
+}
+
+/// How the number of pairs depends on each open choice.
+#[derive(Serialize)]
+struct Ambiguity {
+    options: String,
+    choices: Vec<Alternative>,
+}
+
+impl Display for Ambiguity {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let rows = &self.choices;
+        let datasets: BTreeSet<&String> = rows
+            .iter()
+            .flat_map(|row| row.counts.keys().chain(row.unavailable.keys()))
+            .collect();
+        for dataset in datasets {
+            writeln!(f, "{dataset}, one choice changed at a time:")?;
+            writeln!(
+                f,
+                "  {:<18} {:<28} {:>8} {:>8} {:>8}",
+                "about", "choice", "qualify", "selected", "shared"
+            )?;
+            for row in rows {
+                let change = if row.change.is_empty() {
+                    "(as given)"
+                } else {
+                    &row.change
+                };
+                if let Some(count) = row.counts.get(dataset) {
+                    writeln!(
+                        f,
+                        "  {:<18} {change:<28} {:>8} {:>8} {:>8}",
+                        row.about, count.qualified, count.selected, count.shared
+                    )?;
+                } else if let Some(reason) = row.unavailable.get(dataset) {
+                    writeln!(
+                        f,
+                        "  {:<18} {change:<28} cannot be opened: {reason}",
+                        row.about
+                    )?;
+                }
             }
         }
+        writeln!(
+            f,
+            "shared: pairs that the given options select too; choices that do not affect a dataset are omitted",
+        )?;
+        write!(f, "as given: {}", self.options)
     }
-    output::line(
-        "shared: pairs that the given options select too; choices that do not affect a dataset are \
-         omitted",
-    )?;
-    output::line(format!("as given: {base}"))?;
-    Ok(Outcome::Done)
 }

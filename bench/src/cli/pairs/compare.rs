@@ -1,10 +1,10 @@
 //! `pairs diff` and `pairs verify`: compares a list with another list, or with local files.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use serde_json::json;
 use sharp_datasets::Scene;
 
 use super::super::data_args::DatasetArgs;
@@ -36,59 +36,81 @@ pub(super) struct DiffArgs {
 pub(super) fn diff(args: &DiffArgs) -> anyhow::Result<Outcome> {
     let (first, second) = (PairList::read(&args.first)?, PairList::read(&args.second)?);
     let diff = first.diff(&second);
-    let list = |list: &PairList| {
-        json!({
-            "file": list.path.display().to_string(),
-            "sha256": list.sha256,
-            "pairs": list.pairs.len(),
-            "selected": list.pairs.iter().filter(|p| p.selected).count(),
-        })
+    let compared = ComparedLists {
+        first: ComparedList::new(&first),
+        second: ComparedList::new(&second),
+        same: diff.is_empty(),
+        diff: &diff,
     };
-    if args.json {
-        output::json(&json!({
-            "first": list(&first),
-            "second": list(&second),
-            "same": diff.is_empty(),
-            "equal": diff.equal,
-            "only_first": diff.only_first,
-            "only_second": diff.only_second,
-            "changed": diff.changed,
-        }))?;
-    } else {
-        print_diff(&first, &second, &diff)?;
-    }
+    output::print(&compared, args.json)?;
     Ok(Outcome::of_problems(!diff.is_empty()))
 }
 
-fn print_diff(first: &PairList, second: &PairList, diff: &ListDiff) -> anyhow::Result<()> {
-    let (a, b) = (first.path.display(), second.path.display());
-    print_some(&format!("only in {a}"), &diff.only_first, Clone::clone)?;
-    print_some(&format!("only in {b}"), &diff.only_second, Clone::clone)?;
-    let shown = |value: &str| if value.is_empty() { "(none)" } else { value }.to_owned();
-    print_some("different", &diff.changed, |pair| {
-        let changes: Vec<String> = pair
-            .columns
-            .iter()
-            .map(|(column, [a, b])| format!("{column} {} -> {}", shown(a), shown(b)))
-            .collect();
-        format!("{}: {}", pair.pair_id, changes.join(", "))
-    })?;
-    output::line(format!(
-        "{} equal, {} different, {} only in {a}, {} only in {b}",
-        counted(diff.equal, "pair"),
-        diff.changed.len(),
-        diff.only_first.len(),
-        diff.only_second.len()
-    ))
+#[derive(Serialize)]
+struct ComparedLists<'a> {
+    first: ComparedList<'a>,
+    second: ComparedList<'a>,
+    same: bool,
+    #[serde(flatten)]
+    diff: &'a ListDiff,
 }
 
-/// Prints the first items of a kind, and how many more there are.
-fn print_some<T>(head: &str, items: &[T], text: impl Fn(&T) -> String) -> anyhow::Result<()> {
+#[derive(Serialize)]
+struct ComparedList<'a> {
+    file: String,
+    sha256: &'a str,
+    pairs: usize,
+    selected: usize,
+}
+
+impl<'a> ComparedList<'a> {
+    fn new(list: &'a PairList) -> Self {
+        Self {
+            file: list.path.display().to_string(),
+            sha256: &list.sha256,
+            pairs: list.pairs.len(),
+            selected: list.pairs.iter().filter(|pair| pair.selected).count(),
+        }
+    }
+}
+
+impl Display for ComparedLists<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let (a, b, diff) = (&self.first.file, &self.second.file, self.diff);
+        write_some(f, &format!("only in {a}"), &diff.only_first, Clone::clone)?;
+        write_some(f, &format!("only in {b}"), &diff.only_second, Clone::clone)?;
+        let shown = |value: &str| if value.is_empty() { "(none)" } else { value }.to_owned();
+        write_some(f, "different", &diff.changed, |pair| {
+            let changes: Vec<String> = pair
+                .columns
+                .iter()
+                .map(|(column, [a, b])| format!("{column} {} -> {}", shown(a), shown(b)))
+                .collect();
+            format!("{}: {}", pair.pair_id, changes.join(", "))
+        })?;
+        write!(
+            f,
+            "{} equal, {} different, {} only in {a}, {} only in {b}",
+            counted(diff.equal, "pair"),
+            diff.changed.len(),
+            diff.only_first.len(),
+            diff.only_second.len()
+        )
+    }
+}
+
+/// Lists the first items of a kind, and how many more there are.
+fn write_some<T>(
+    f: &mut Formatter<'_>,
+    head: &str,
+    items: &[T],
+    text: impl Fn(&T) -> String,
+) -> fmt::Result {
     for item in items.iter().take(LINES) {
-        output::line(format!("{head}: {}", text(item)))?;
+        writeln!(f, "{head}: {}", text(item))?;
     }
     if items.len() > LINES {
-        output::line(format!("{head}: and {} more", items.len() - LINES))?;
+        writeln!(f, "{head}: and {} more", items.len() - LINES)?;
     }
     Ok(())
 }
@@ -127,40 +149,45 @@ pub(super) fn verify(args: &VerifyArgs) -> anyhow::Result<Outcome> {
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
     let found = list.verify(&scenes);
     let outcome = Outcome::of_problems(!found.is_good());
-    if args.json {
-        output::json(&VerifiedList {
-            list: list.path.display().to_string(),
-            sha256: &list.sha256,
-            good: found.is_good(),
-            pairs: list.pairs.len(),
-            found: &found,
-        })?;
-        return Ok(outcome);
-    }
-    print_some("absent", &found.absent, Clone::clone)?;
-    print_some("unreadable", &found.unreadable, |u| {
-        format!("{}: {}", u.view, u.reason)
-    })?;
-    print_some("another photograph", &found.different, |d| {
-        let (dataset, scene, view) = (&d.dataset, &d.scene, &d.view);
-        format!(
-            "{dataset}/{scene}/{view}: sha256 {} instead of {}",
-            d.found, d.expected
-        )
-    })?;
-    print_some("other cameras", &found.moved, |m| {
-        let ([baseline, found_m], [rotation, found_deg]) = (m.baseline_m, m.rotation_deg);
-        format!(
-            "{}: baseline {found_m} m instead of {baseline} m, rotation {found_deg}° instead of {rotation}°",
-            m.pair_id
-        )
-    })?;
-    output::line(format!(
-        "{}, {}: {} equal, {} without a hash in the list",
-        counted(list.pairs.len(), "pair"),
-        counted(found.photographs, "photograph"),
-        found.equal,
-        found.unhashed
-    ))?;
+    let verified = VerifiedList {
+        list: list.path.display().to_string(),
+        sha256: &list.sha256,
+        good: found.is_good(),
+        pairs: list.pairs.len(),
+        found: &found,
+    };
+    output::print(&verified, args.json)?;
     Ok(outcome)
+}
+
+impl Display for VerifiedList<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let found = self.found;
+        write_some(f, "absent", &found.absent, Clone::clone)?;
+        write_some(f, "unreadable", &found.unreadable, |u| {
+            format!("{}: {}", u.view, u.reason)
+        })?;
+        write_some(f, "another photograph", &found.different, |d| {
+            let (dataset, scene, view) = (&d.dataset, &d.scene, &d.view);
+            format!(
+                "{dataset}/{scene}/{view}: sha256 {} instead of {}",
+                d.found, d.expected
+            )
+        })?;
+        write_some(f, "other cameras", &found.moved, |m| {
+            let ([baseline, found_m], [rotation, found_deg]) = (m.baseline_m, m.rotation_deg);
+            format!(
+                "{}: baseline {found_m} m instead of {baseline} m, rotation {found_deg}° instead of {rotation}°",
+                m.pair_id
+            )
+        })?;
+        write!(
+            f,
+            "{}, {}: {} equal, {} without a hash in the list",
+            counted(self.pairs, "pair"),
+            counted(found.photographs, "photograph"),
+            found.equal,
+            found.unhashed
+        )
+    }
 }

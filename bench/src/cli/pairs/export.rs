@@ -1,9 +1,10 @@
 //! `pairs export`: writes everything that an external method needs to files.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use serde_json::json;
+use serde::Serialize;
 use sharp_datasets::Scene;
 
 use super::super::data_args::DatasetArgs;
@@ -115,24 +116,31 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
             counted(exported.without_depth, "view")
         ));
     }
-    if args.json {
-        output::json(&json!({
-            "out": args.out.display().to_string(),
-            "pairs": pairs.len(),
-            "written": exported.written,
-            "kept": exported.kept,
-            "without_depth": exported.without_depth,
-            "list": copy.display().to_string(),
-            "sha256": list.sha256,
-        }))?;
-    } else {
-        output::line(format!(
-            "{} in {}: {} written, {} kept",
-            counted(pairs.len(), "pair"),
-            args.out.display(),
-            exported.written,
-            exported.kept
-        ))?;
-    }
+    let exported = ExportedPairs {
+        out: args.out.display().to_string(),
+        pairs: pairs.len(),
+        exported,
+        list: copy.display().to_string(),
+        sha256: &list.sha256,
+    };
+    output::print(&exported, args.json)?;
     Ok(Outcome::Done)
+}
+
+#[derive(Serialize)]
+struct ExportedPairs<'a> {
+    out: String,
+    pairs: usize,
+    #[serde(flatten)]
+    exported: pairs::Exported,
+    list: String,
+    sha256: &'a str,
+}
+
+impl Display for ExportedPairs<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let pairs::Exported { written, kept, .. } = self.exported;
+        let pairs = counted(self.pairs, "pair");
+        write!(f, "{pairs} in {}: {written} written, {kept} kept", self.out)
+    }
 }

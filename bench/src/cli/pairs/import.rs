@@ -1,15 +1,16 @@
 //! `pairs import`: converts a published list to our format.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::json;
+use serde::Serialize;
 
 use super::super::data_args::DatasetArgs;
 use super::super::{Outcome, output};
 use crate::io::atomic_files::write_over_own;
 use crate::io::counts::counted;
-use crate::pairs::foreign::{Context, ForeignList, ListForm, TargetSlot};
+use crate::pairs::foreign::{Context, ForeignCounts, ForeignList, ListForm, TargetSlot};
 use crate::pairs::pair_list::LIST_MARK;
 use crate::pairs::provenance::ListCompanion;
 use crate::pairs::{DatasetConfig, clap_dataset};
@@ -57,19 +58,23 @@ const NAMED: usize = 5;
 pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
     let list = ForeignList::read(&args.list, args.form)?;
     let counts = list.counts();
-    let mut said = json!({ "list": args.list.display().to_string(), "counts": counts });
     let mut outcome = Outcome::Done;
     let entry = match args.form {
         ListForm::Index | ListForm::Seva => "scene",
         ListForm::Flash3d | ListForm::Mine | ListForm::Unisharp => "line",
     };
-    let mut summary = format!(
-        "{}, {} with targets: {} in all, {} of which are also inputs",
-        counted(counts.entries, entry),
-        counts.with_pairs,
-        counted(counts.targets, "target"),
-        counts.targets_that_are_inputs
-    );
+    let mut read = ReadList {
+        list: args.list.display().to_string(),
+        imported: None,
+        summary: format!(
+            "{}, {} with targets: {} in all, {} of which are also inputs",
+            counted(counts.entries, entry),
+            counts.with_pairs,
+            counted(counts.targets, "target"),
+            counts.targets_that_are_inputs
+        ),
+        counts,
+    };
     if !args.datasets.is_empty() {
         let datasets = DatasetArgs {
             datasets: args.datasets.clone(),
@@ -98,24 +103,49 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
                 if imported.repeated == 1 { "is" } else { "are" }
             ));
         }
-        said["absent"] = json!(imported.absent);
-        said["repeated"] = json!(imported.repeated);
-        said["pairs"] = json!(imported.pairs.len());
-        summary += &format!(
-            "; {} of the datasets",
-            counted(imported.pairs.len(), "pair")
-        );
+        let pairs = imported.pairs.len();
+        read.summary += &format!("; {} of the datasets", counted(pairs, "pair"));
+        let (absent, repeated) = (imported.absent.clone(), imported.repeated);
         let ours = imported.list(args.out.as_deref().unwrap_or(&args.list));
-        said["sha256"] = json!(ours.sha256);
         if let Some(out) = &args.out {
             write_over_own(out, ours.bytes(), LIST_MARK)?;
             ListCompanion::remove(out)?;
-            said["out"] = json!(out.display().to_string());
         }
+        read.imported = Some(ImportedPairs {
+            absent,
+            repeated,
+            pairs,
+            sha256: ours.sha256,
+            out: args.out.as_ref().map(|out| out.display().to_string()),
+        });
     }
-    match args.json {
-        true => output::json(&said)?,
-        false => output::line(summary)?,
-    }
+    output::print(&read, args.json)?;
     Ok(outcome)
+}
+
+#[derive(Serialize)]
+struct ReadList {
+    list: String,
+    counts: ForeignCounts,
+    /// If datasets are given.
+    #[serde(flatten)]
+    imported: Option<ImportedPairs>,
+    #[serde(skip)]
+    summary: String,
+}
+
+#[derive(Serialize)]
+struct ImportedPairs {
+    absent: Vec<String>,
+    repeated: usize,
+    pairs: usize,
+    sha256: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    out: Option<String>,
+}
+
+impl Display for ReadList {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.summary)
+    }
 }

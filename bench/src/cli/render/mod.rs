@@ -5,6 +5,7 @@ mod job;
 mod path;
 mod writer;
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use anyhow::Context;
@@ -219,25 +220,27 @@ fn report(args: &RenderArgs, summary: &Summary, last_backend: &str) -> anyhow::R
     if let Some(reason) = &summary.fallback {
         output::remark(format!("warning: {reason}: {last_backend} took over"));
     }
-    if args.json {
-        output::json(summary)?;
-        return Ok(Outcome::Done);
-    }
-    let views = match summary.views {
-        1 => String::new(),
-        n => format!("{n} views, "),
-    };
-    let reason = summary.backend_reason.as_ref();
-    output::line(format!(
-        "{} ({views}{}x{}, {} Gaussians, {}{})",
-        summary.files.join(", "),
-        summary.width,
-        summary.height,
-        summary.gaussians,
-        summary.backend,
-        reason.map_or_else(String::new, |reason| format!(": {reason}"))
-    ))?;
+    output::print(summary, args.json)?;
     Ok(Outcome::Done)
+}
+
+impl Display for Summary {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{} (", self.files.join(", "))?;
+        if self.views != 1 {
+            write!(f, "{} views, ", self.views)?;
+        }
+        let (width, height) = (self.width, self.height);
+        write!(
+            f,
+            "{width}x{height}, {} Gaussians, {}",
+            self.gaussians, self.backend
+        )?;
+        match &self.backend_reason {
+            Some(reason) => write!(f, ": {reason})"),
+            None => f.write_str(")"),
+        }
+    }
 }
 
 impl Summary {

@@ -1,10 +1,10 @@
 //! `weights check`: lists the contents of a file and checks that they fit a network.
 
 use std::collections::BTreeMap;
+use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 
 use serde::Serialize;
-use serde_json::json;
 use sharp::model::inventory::CheckpointSource;
 use sharp_checkpoint::Checkpoint;
 
@@ -18,6 +18,42 @@ struct Module {
     tensors: usize,
     parameters: usize,
     not_finite: usize,
+}
+
+#[derive(Serialize)]
+struct Inventory<'a> {
+    file: String,
+    sha256: String,
+    record: Option<String>,
+    tensors: usize,
+    parameters: usize,
+    not_finite: usize,
+    modules: &'a BTreeMap<String, Module>,
+}
+
+impl Display for Inventory<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let mut line = |name: &str, parameters, tensors| {
+            writeln!(
+                f,
+                "{:>13} in {tensors:>4} tensors  {name}",
+                grouped(parameters)
+            )
+        };
+        for (name, module) in self.modules {
+            line(name, module.parameters, module.tensors)?;
+        }
+        line("in all", self.parameters, self.tensors)?;
+        writeln!(
+            f,
+            "not finite    {}\nsha256        {}",
+            self.not_finite, self.sha256
+        )?;
+        match &self.record {
+            Some(record) => write!(f, "record        {record}"),
+            None => Ok(()),
+        }
+    }
 }
 
 pub(super) fn execute(
@@ -35,39 +71,18 @@ pub(super) fn execute(
         module.parameters += values.len();
         module.not_finite += values.iter().filter(|v| !v.is_finite()).count();
     }
-    let total: usize = modules.values().map(|m| m.parameters).sum();
     let not_finite: usize = modules.values().map(|m| m.not_finite).sum();
     let sha256 = checkpoint.sha256()?;
-    let standing = standing(file, &sha256)?;
-    if json {
-        output::json(&json!({
-            "file": file.display().to_string(),
-            "sha256": sha256,
-            "record": standing,
-            "tensors": checkpoint.names().len(),
-            "parameters": total,
-            "not_finite": not_finite,
-            "modules": modules,
-        }))?;
-    } else {
-        for (name, module) in &modules {
-            output::line(format!(
-                "{:>13} in {:>4} tensors  {name}",
-                grouped(module.parameters),
-                module.tensors
-            ))?;
-        }
-        output::line(format!(
-            "{:>13} in {:>4} tensors  in all",
-            grouped(total),
-            checkpoint.names().len()
-        ))?;
-        output::line(format!("not finite    {not_finite}"))?;
-        output::line(format!("sha256        {sha256}"))?;
-        if let Some(standing) = standing {
-            output::line(format!("record        {standing}"))?;
-        }
-    }
+    let inventory = Inventory {
+        file: file.display().to_string(),
+        record: standing(file, &sha256)?,
+        sha256,
+        tensors: checkpoint.names().len(),
+        parameters: modules.values().map(|m| m.parameters).sum(),
+        not_finite,
+        modules: &modules,
+    };
+    output::print(&inventory, json)?;
     // A file with SHARP's modules is compared with a network by default.
     let looks_like_sharp = modules
         .keys()
