@@ -232,7 +232,7 @@ struct Evaluated<'a> {
     #[serde(flatten)]
     counts: UnitCounts,
     manifest: &'a Manifest,
-    /// Once all units are scored.
+    /// The means, if all units are scored.
     #[serde(skip)]
     tables: Option<String>,
 }

@@ -64,7 +64,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Numbers of shards; the text has a line for each array of a scheduler.
+/// Unfinished shards; as text, one line for each array of a scheduler.
 #[derive(Serialize)]
 #[serde(transparent)]
 struct Unfinished {

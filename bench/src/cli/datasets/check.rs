@@ -3,7 +3,6 @@
 use std::fmt::{self, Display, Formatter};
 
 use serde::Serialize;
-use sharp_datasets::DatasetSpec;
 use sharp_datasets::check::consistency::{Consistency, Fit};
 use sharp_datasets::check::{DatasetReport, SceneReport, check};
 
@@ -11,15 +10,17 @@ use crate::cli::output::Terminal;
 use crate::cli::{Outcome, output};
 use crate::io::counts::counted;
 use crate::io::observer::Observer;
+use crate::pairs::DatasetConfig;
 
-pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Result<Outcome> {
+pub(super) fn execute(
+    datasets: &[DatasetConfig],
+    views: usize,
+    json: bool,
+) -> anyhow::Result<Outcome> {
     anyhow::ensure!(views > 0, "--views 0: must be at least 1");
-    let specs: Vec<DatasetSpec> = specs
-        .iter()
-        .map(|text| DatasetSpec::parse(text))
-        .collect::<Result<_, _>>()?;
-    let mut reports = Vec::with_capacity(specs.len());
-    for spec in &specs {
+    let mut reports = Vec::with_capacity(datasets.len());
+    // Views are checked as stored: resizing and pair options do not apply.
+    for DatasetConfig { spec, .. } in datasets {
         let terminal = Terminal::default();
         reports.push(check(spec, views, &|done, total| {
             terminal.advance(&spec.name, "scenes", done as u64, total as u64);

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::{Outcome, data_args};
+use crate::pairs::{DatasetConfig, clap_dataset};
 
 /// List datasets, list the files that a pair list needs, check a dataset before a long run
 #[derive(Debug, Args)]
@@ -30,8 +31,8 @@ enum DatasetsCommand {
         #[arg(long, value_name = "PAIRS.csv")]
         needed_for: Option<PathBuf>,
         /// A dataset of the list, [NAME:]FORMAT=PATH; repeatable
-        #[arg(long = "dataset", value_name = "SPEC", requires = "needed_for")]
-        datasets: Vec<String>,
+        #[arg(long = "dataset", value_name = "SPEC", requires = "needed_for", value_parser = clap_dataset)]
+        datasets: Vec<DatasetConfig>,
         /// Print JSON
         #[arg(long)]
         json: bool,
@@ -44,8 +45,8 @@ enum DatasetsCommand {
     /// code 0 if the dataset is sound, 4 if something is broken, 1 if it cannot be opened.
     Check {
         /// The dataset, [NAME:]FORMAT=PATH[,key=value…]; several are checked one by one
-        #[arg(required = true, value_name = "SPEC")]
-        datasets: Vec<String>,
+        #[arg(required = true, value_name = "SPEC", value_parser = clap_dataset)]
+        datasets: Vec<DatasetConfig>,
         /// Number of views to decode per scene, evenly spaced; for the others, only the existence
         /// of files is checked
         #[arg(long, value_name = "N", default_value_t = 10)]

@@ -11,7 +11,7 @@ use sharp_datasets::{DatasetEntry, DatasetSpec, Pairing, Scene, View};
 
 use crate::cli::{Outcome, output};
 use crate::io::counts::counted;
-use crate::pairs::PairList;
+use crate::pairs::{DatasetConfig, PairList};
 
 #[derive(Debug, Serialize)]
 struct Needed {
@@ -47,14 +47,18 @@ impl Display for NeededFiles<'_> {
     }
 }
 
-pub(super) fn execute(list: &Path, specs: &[String], json: bool) -> anyhow::Result<Outcome> {
+pub(super) fn execute(
+    list: &Path,
+    datasets: &[DatasetConfig],
+    json: bool,
+) -> anyhow::Result<Outcome> {
     let list = PairList::read(list)?;
-    let mut specs: BTreeMap<String, DatasetSpec> = specs
+    let mut specs: BTreeMap<&str, &DatasetSpec> = datasets
         .iter()
-        .map(|text| DatasetSpec::parse(text).map(|spec| (spec.name.clone(), spec)))
-        .collect::<Result<_, _>>()?;
+        .map(|dataset| (dataset.spec.name.as_str(), &dataset.spec))
+        .collect();
     let names: BTreeSet<&str> = list.pairs.iter().map(|p| p.dataset.as_str()).collect();
-    if let Some(unused) = specs.keys().find(|name| !names.contains(name.as_str())) {
+    if let Some(unused) = specs.keys().find(|name| !names.contains(*name)) {
         anyhow::bail!(
             "--dataset {unused}: the list has no dataset of that name; it has {}: give the dataset \
              as NAME:FORMAT=PATH",
@@ -75,7 +79,7 @@ pub(super) fn execute(list: &Path, specs: &[String], json: bool) -> anyhow::Resu
     Ok(Outcome::of_problems(missing > 0))
 }
 
-fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
+fn needed(list: &PairList, name: &str, spec: Option<&DatasetSpec>) -> Needed {
     let named = || {
         let mut entries = ENTRIES.into_iter();
         entries.find(|entry| entry.format.eq_ignore_ascii_case(name))

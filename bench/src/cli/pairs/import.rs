@@ -127,7 +127,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
 struct ReadList {
     list: String,
     counts: ForeignCounts,
-    /// If datasets are given.
+    /// `None` without datasets.
     #[serde(flatten)]
     imported: Option<ImportedPairs>,
     #[serde(skip)]
