@@ -48,7 +48,7 @@ pub(crate) struct Head {
     pub(crate) occasion: Option<Occasion>,
 }
 
-/// Facts about a run that only its author knows.
+/// Facts about a run that its author states.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Occasion {
     pub label: String,
@@ -288,7 +288,7 @@ fn unavailable(record: &Record) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Digest of manifest, records and any times, as the bundle's format defines it.
+/// Digest of manifest, records and any times, as defined by the bundle's format.
 fn digest(
     format: u32,
     manifest: &Manifest,
@@ -372,7 +372,7 @@ pub(crate) fn read_head(path: &Path) -> Result<Head, EvaluateError> {
     Members::open(path)?.head()
 }
 
-/// Times in a bundle; none if it was written without.
+/// Times in a bundle; empty if it was written without times.
 pub(super) fn read_timings(path: &Path) -> Result<Timings, EvaluateError> {
     Members::open(path)?.timings()
 }

@@ -29,7 +29,7 @@ pub enum TrueDepth {
 }
 
 impl Privilege {
-    /// Sees only the source's photograph.
+    /// Uses only the photograph and the cameras.
     pub const NONE: Self = Self::of_depth(TrueDepth::None);
 
     pub const fn of_depth(depth: TrueDepth) -> Self {
@@ -40,8 +40,7 @@ impl Privilege {
         }
     }
 
-    /// One phrase per privilege. The privilege to see depth is omitted, because those methods'
-    /// descriptions state it.
+    /// One phrase per privilege, except for the use of depth, which the descriptions of those methods state.
     pub fn phrases(self) -> impl Iterator<Item = &'static str> {
         let scale = self.depth == TrueDepth::DepthScale;
         [

@@ -47,7 +47,7 @@ pub(super) struct DepthFacts {
 pub(super) struct SceneOverlaps {
     /// Facts by view; `None` for a view without valid depth.
     pub(super) depths: BTreeMap<usize, Option<DepthFacts>>,
-    /// Overlaps by a, then by b, for views a < b with valid depth.
+    /// Overlaps of views a < b with valid depth, by a, then by b.
     couples: BTreeMap<usize, BTreeMap<usize, Option<Overlaps>>>,
     /// Views whose depth could not be read. Not stored, because the file may be fixed later.
     #[serde(skip)]

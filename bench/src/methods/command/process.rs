@@ -18,7 +18,7 @@ use super::protocol::{VERSION, excerpt, no_answer};
 /// Maximum length of an answer line, bytes.
 const LONGEST_LINE: u64 = 1 << 20;
 
-/// Number of lines buffered. A program that writes further unrequested lines has to wait.
+/// Number of lines buffered. A program that writes further unrequested lines is blocked.
 const LINES_AHEAD: usize = 2;
 
 /// How long a program may run after its input is closed.
@@ -192,8 +192,7 @@ impl Process {
     }
 
     fn end(&mut self, grace: Duration) -> Ended {
-        // If the program is to be killed at once, keep its input open: it could react to the end of
-        // input.
+        // If the program is to be killed at once, keep its input open, because it could react to the end of input.
         if !grace.is_zero() {
             self.stdin = None;
         }
@@ -264,8 +263,7 @@ fn shell(run: &str) -> Command {
     command
 }
 
-/// Starts a process that kills a process group when this process dies: only then does the
-/// watchdog's input end without a line.
+/// Starts a process that kills a process group if this process dies: its standard input then ends without a line.
 #[cfg(unix)]
 fn watchdog(group: u32) -> io::Result<Child> {
     use std::os::unix::process::CommandExt;

@@ -294,7 +294,7 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
         lines.retain(|line| line.method == method);
         read.push((row, lines));
     }
-    // The paper's name of a line's dataset, or the user's if the paper has none.
+    // The paper's name of the line's dataset, or else the user's name.
     let place = |line: &SpeedLine| {
         let of_paper = column(&ReportDataset::of(&line.dataset, &line.format));
         let of_paper = of_paper.filter(|column| paper.datasets.contains(column));
