@@ -99,8 +99,8 @@ struct UnitLine {
 /// Writes the results of a run folder, or of another bundle, to a file, with its times if wanted.
 ///
 /// # Errors
-/// If the run cannot be read or the file cannot be written; also if the file exists and is not a bundle, or is one with
-/// an [`Occasion`], which belongs to a history.
+/// If the run cannot be read, the file cannot be written, or it exists and is not a bundle or is an entry of a history
+/// (has an [`Occasion`]).
 pub fn write_bundle(run: &Path, out: &Path, with_times: bool) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {

@@ -55,7 +55,7 @@ pub struct Speed {
     pub failures: Vec<String>,
 }
 
-/// The Gaussians of a prediction as seen by a target.
+/// Counts of a prediction's Gaussians in a target's view.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Splats {
     pub count: u64,

@@ -2,7 +2,7 @@
 //! `target.png` and depth.
 //!
 //! `pair.json` is written last and contains the names and SHA-256 of the pair's files, and a hash of everything that
-//! determines them. An interrupted export therefore continues, and pairs whose dataset changed are exported again.
+//! determines them, so that a later export completes missing pairs and replaces those whose dataset changed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;

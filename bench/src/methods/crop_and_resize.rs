@@ -2,8 +2,8 @@
 //! predictions.
 //!
 //! Scores are computed at the target's full resolution. A prediction of another size with the same aspect ratio is
-//! resized by a named kernel. A cropped one is compared with the target cropped in the same way; its record states the
-//! crop. Nothing is padded.
+//! resized by a named kernel. A cropped one is compared with the equally cropped target; its record states the crop.
+//! Nothing is padded.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -22,8 +22,8 @@ pub enum TrueDepth {
     None,
     /// Only the scale of the true depth: predicted Gaussians are scaled about the source camera by the median of true
     /// over predicted depth (the paper's "privileged depth evaluation", eq. global_scale). The predicted depth is the
-    /// method's first depth layer, or else the depth of its Gaussians rendered from the source camera. The method
-    /// itself does not see the true depth.
+    /// method's first depth layer, or else that of its Gaussians rendered from the source camera. The method itself
+    /// does not get the true depth.
     DepthScale,
     SourceDepth,
 }

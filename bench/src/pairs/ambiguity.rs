@@ -76,11 +76,9 @@ pub struct OtherReading {
     pub scenes: Result<Vec<Scene>, String>,
 }
 
-/// Counts pairs under the base options (first result), under each applicable alternative that
-/// differs from them, and under other readings of the datasets. Datasets of stereo pairs are
-/// counted only under choices that apply to such pairs. Overlaps are measured once per way of
-/// measuring and stored in the context's cache, or in memory if it has none. Calls
-/// `advance(done, all)` after each count.
+/// Counts pairs under the base options (first result), under each applicable alternative, and under other readings of
+/// the datasets. Stereo datasets are counted only under choices that apply to them. Overlaps are measured once per way
+/// of measuring and stored in the context's cache, or else in memory. Calls `advance(done, all)` after each count.
 pub fn alternatives(
     scenes: &[Scene],
     base: &PairOptions,

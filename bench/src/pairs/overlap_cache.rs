@@ -1,9 +1,8 @@
 //! Content-addressed cache of measured overlaps.
 //!
-//! A scene's table is keyed by a hash of everything that its numbers depend on: the sources of this
-//! program, the reader's settings, every view's camera and the bytes of its files, the source of
-//! depth, and the measuring options. Sets, thresholds and sampling are not part of the key, so all
-//! of them share one table, which grows as more views are requested.
+//! A scene's table is keyed by a hash of everything that its numbers depend on: this program's sources, the reader's
+//! settings, every view's camera and files, the source of depth, and the measuring options. All sets, thresholds and
+//! samplings share one table, which grows as more views are requested.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;

@@ -6,8 +6,8 @@ use super::board::{Board, PairBoard};
 use super::column::Column;
 
 /// At most `limit` pairs, each with the index of its dataset. The limit is divided equally among datasets, except those
-/// with too few pairs. Half of a dataset's share are the pairs with the largest `badness`. If `evenly`, the other half
-/// is spread evenly over the remaining pairs; otherwise it has the smallest `badness`.
+/// with too few pairs. Half of a dataset's share has the largest `badness`. The other half is spread over the remaining
+/// pairs if `evenly`, else has the smallest `badness`.
 pub(super) fn choose<'a>(
     board: &'a Board<'a>,
     limit: usize,

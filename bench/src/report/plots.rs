@@ -132,9 +132,8 @@ pub fn histogram(
     figure(&title, caption, &[], &panels, print).map(Some)
 }
 
-/// Plots a metric against the baseline: the mean of each bin as a line, the sample standard
-/// deviation as a shade. A bin with a single sample has no shade. Lines and shades do not span
-/// empty bins. `None` if no method has a score of this metric.
+/// Plots a metric against the baseline: the mean of each bin as a line, the sample standard deviation (of two or more
+/// samples) as a shade. Neither spans empty bins. `None` if no method has a score of this metric.
 ///
 /// # Errors
 /// If the drawing library fails.

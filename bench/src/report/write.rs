@@ -58,11 +58,11 @@ const FOLDERS: [&str; 3] = ["tables", "plots", THUMBNAILS];
 
 /// Writes the report of some results, with source and target pictures from `scenes`: `index.html`, `report.md`,
 /// `tables/*.{md,csv,tex}`, `plots/*.{svg,png}`, `thumbs/*.jpg` unless the page embeds its pictures, and a list of
-/// these files in `files.txt`. Each file is written atomically. Obsolete files of an earlier report are removed; other
-/// files in the folder are kept. A folder that is neither empty nor a report is an error.
+/// these files in `files.txt`. Each file is written atomically. Removes obsolete files of an earlier report and keeps
+/// other files.
 ///
 /// # Errors
-/// If the folder contains other files, the results contradict each other, or a file cannot be written.
+/// If the folder is neither empty nor a report, the results contradict each other, or a file cannot be written.
 pub fn report(
     results: &Results,
     scenes: &[Scene],

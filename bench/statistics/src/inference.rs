@@ -9,7 +9,7 @@ use crate::jackknife::Jackknife;
 use crate::resampling::Resampling;
 use crate::sign_flip::SignFlip;
 
-/// The level of every test and interval.
+/// Significance level of every test; intervals are at 1 − `ALPHA`.
 pub const ALPHA: f64 = 0.05;
 /// The power at which a difference counts as detectable.
 pub const POWER: f64 = 0.8;

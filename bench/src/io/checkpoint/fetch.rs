@@ -25,8 +25,7 @@ pub enum CheckpointFetchError {
 /// required.
 ///
 /// Resumes an interrupted transfer, even one of an earlier call. The file gets its final name only if its size is
-/// plausible for the network, it contains all of the network's tensors, and it matches the recorded size and hash, if
-/// there is a record.
+/// plausible, it contains all of the network's tensors, and it matches the record of an earlier download, if any.
 pub fn fetch(
     release: &Release,
     cache: &Path,

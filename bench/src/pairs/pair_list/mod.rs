@@ -2,8 +2,7 @@
 //!
 //! CSV with one header line, `\n` line endings, rows sorted bytewise by `pair_id`, numbers in the shortest form that
 //! parses back to the same value, an empty field for an unknown value, `selected` as `true` or `false`. The SHA-256 of
-//! a list is that of the file's bytes as read, including any byte order mark, other line endings or other order of rows
-//! that an editor left.
+//! a list is that of the file as read, even if an editor changed its byte order mark, line endings or order of rows.
 
 mod csv_form;
 mod diff;

@@ -139,7 +139,7 @@ impl std::str::FromStr for OwnRow {
 pub enum OwnRows {
     /// Results with one row per method.
     Scores(Box<Results>),
-    /// Rows of a table without pairs, with its measured columns.
+    /// Rows of a table that has no pairs, and its measured columns.
     Measured {
         /// Datasets that are not in the table; their cells follow those of the table's datasets.
         datasets: Vec<String>,
