@@ -86,7 +86,7 @@ pub enum EvaluateError {
     },
     #[error(transparent)]
     Shard(#[from] ShardError),
-    /// The folder lacks something that the command needs.
+    /// Something that the command needs is missing in the folder.
     #[error("{}: {reason}", folder.display())]
     NotKept {
         folder: PathBuf,

@@ -351,7 +351,7 @@ impl Manifest {
 
     /// Updates bundles of format 1, which were scored before colour profiles were converted.
     /// Pictures in sRGB score the same, so today's convention is stated; a note on each dataset
-    /// says which pictures differ.
+    /// states which pictures differ.
     pub(super) fn restate_target_convention(&mut self) {
         self.scoring
             .insert(TARGET.to_owned(), TARGET_CONVENTION.to_owned());

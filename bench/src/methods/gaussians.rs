@@ -39,7 +39,7 @@ pub const UNUSABLE: [(&str, &str); 2] = [
 /// `DIR/<dataset>/<scene>.ply`; with `space=target`, reads `DIR/<pair_id>.ply`. `file=` overrides
 /// the path with a template of `{dataset} {scene} {source} {target} {pair}`.
 ///
-/// Unless [`FileReading`]'s settings say otherwise, the Gaussians are in the source's camera space,
+/// Unless [`FileReading`]'s settings differ, the Gaussians are in the source's camera space,
 /// metres, OpenCV axes, as written by `sharp predict` and `sharp-bench predict`. Any camera stored
 /// in a file is ignored: the dataset's poses and intrinsics place and render the Gaussians. If a
 /// PLY does not state the encoding of its colours, `color_space=` must. Gaussians that are not

@@ -34,8 +34,7 @@
 //!   with its floor: with seven clusters its p is never below 2/2⁷ = 0.0156, and with five or fewer never below 0.05. A
 //!   t test's p below that floor relies on cluster means being about normal. One cluster alone can never make a
 //!   difference significant: moving it raises the standard error by as much.
-//! * **Several datasets** always use the t test, because sign flips would treat the difference between datasets as
-//! noise.
+//! * **Several datasets** always use the t test, because sign flips would treat differences between datasets as noise.
 //!
 //! `reports/statistics.md` has the error rates of these procedures in simulations.
 //!

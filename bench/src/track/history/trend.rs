@@ -10,8 +10,8 @@
 //! Both rules use the test of `compare` on the same pairs, at 0.05 after Holm's correction over the
 //! compared datasets:
 //! * [`Rule::Step`]: compares an entry with the one that it continues;
-//! * [`Rule::Drift`]: if there is no step, compares the entry with the last change point of its part, or with the start
-//! of the part, so that a change that is too slow to be found in any single step is found once it has accumulated.
+//! * [`Rule::Drift`]: if there is no step, compares the entry with the last change point of its part, or else with the
+//!   start of the part, to find a change that is too slow for any single step once it has accumulated.
 //!
 //! There is no correction over entries, metrics and methods: if scores differ by chance alone,
 //! either rule marks one entry in twenty. Bit-identical scores are never a change.
