@@ -77,7 +77,7 @@ fn main() -> io::Result<()> {
     Ok(())
 }
 
-/// Collects all files at or below `path`, keyed by their workspace-relative name; `name` is that of `path`.
+/// Adds all files at or below `path` to `files` under their workspace-relative names; `path` itself is called `name`.
 fn collect(name: &str, path: &Path, files: &mut BTreeMap<String, Vec<u8>>) -> io::Result<()> {
     if path.is_dir() {
         for entry in fs::read_dir(path)? {

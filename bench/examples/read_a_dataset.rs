@@ -3,8 +3,8 @@
 //! ```console
 //! $ cargo run --release -p sharp-bench --example read_a_dataset -- [FOLDER]
 //! ```
-//! First writes a small dataset, three cameras in a row in front of a wall, to FOLDER or a temporary folder. The same
-//! call with another FORMAT reads any dataset of `sharp-bench datasets list`.
+//! First writes a small dataset, three cameras in a row in front of a wall, to FOLDER or a temporary folder. With
+//! another format instead of `nerfstudio`, the same code reads any dataset of `sharp-bench datasets list`.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]
 

@@ -22,7 +22,7 @@ pub enum Binning {
     Edges(Vec<f64>),
 }
 
-/// Largest magnitude of a given edge, so that values computed from edges stay finite.
+/// Largest magnitude that a given edge may have, so that values computed from edges stay finite.
 const FARTHEST_EDGE: f64 = 1e15;
 
 impl FromStr for Binning {
@@ -158,7 +158,7 @@ pub struct Bin {
     pub number: i64,
     pub low: f64,
     pub high: f64,
-    /// Mean place of the samples, where the bin is drawn.
+    /// Mean position of the samples; the bin is drawn there.
     pub x: f64,
     /// Indices of the samples.
     pub members: Vec<usize>,
@@ -300,8 +300,8 @@ mod tests {
         let cuts = |low: f64, high: f64| Binning::Round(10).cuts([low, high], None);
         assert!(!cuts(0.0, f64::MAX).hold(f64::MAX));
         assert!(cuts(0.0, 1e30).hold(1e30));
-        // The values are one place. If their rounding difference counted as a distance, they would
-        // be far more than ten steps from zero.
+        // Both values count as one position. If their rounding difference counted as a distance, they would be far more
+        // than ten steps from zero.
         let close = [0.75, 0.75_f64.next_up()];
         assert_eq!(
             bins(&close.map(|x| (x, 1.0)), &cuts(close[0], close[1])).len(),

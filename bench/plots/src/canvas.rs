@@ -114,8 +114,8 @@ impl Surface {
         }
     }
 
-    /// Adds a picture with its upper left corner at `at`, stretched to `size` units. SVG and PDF contain its own pixels;
-    /// in SVG, pictures lie below everything else.
+    /// Adds a picture with its upper left corner at `at`, stretched to `size` units. SVG and PDF embed it at its own
+    /// resolution; in SVG, pictures lie below everything else.
     pub fn picture(&mut self, picture: RgbImage, at: Point, size: Point) {
         self.0.push(Shape::Picture(picture, at, size));
     }
@@ -152,7 +152,7 @@ fn clipped([a, b]: [Point; 2], low: Point, high: Point) -> Option<[Point; 2]> {
 /// The part of a polygon inside a rectangle (Sutherland and Hodgman, "Reentrant polygon clipping", Communications of the
 /// ACM 17, 1974).
 fn clipped_polygon(mut points: Vec<Point>, low: Point, high: Point) -> Vec<Point> {
-    // How far a point is inside each side.
+    // Distance of a point from each side, positive inside.
     let sides: [&dyn Fn(Point) -> f64; 4] = [
         &|p| p.0 - low.0,
         &|p| high.0 - p.0,

@@ -14,13 +14,13 @@ pub struct Banded {
 }
 
 impl Banded {
-    /// A band of one standard deviation to either side of the mean.
+    /// A band of one standard deviation on either side of the mean.
     pub fn deviation(bin: Bin) -> Self {
         let band = bin.std.map(|std| (bin.mean - std, bin.mean + std));
         Self { bin, band }
     }
 
-    /// Cuts the band off below the least value of the metric, if it has one.
+    /// Clamps the band to the metric's smallest possible value, if there is one.
     #[must_use]
     pub fn from(mut self, least: Option<f64>) -> Self {
         if let (Some((low, _)), Some(least)) = (&mut self.band, least) {

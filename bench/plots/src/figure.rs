@@ -24,11 +24,11 @@ use crate::PlotError;
 
 /// Drawn pixels per unit of the SVG.
 const SVG_SCALE: f64 = 4.0;
-/// Drawn pixels per PNG pixel.
+/// Drawn pixels per PNG pixel, along each axis.
 const REDUCE: f64 = 2.0;
-/// Largest number of PNG pixels before reduction: 0.8 GB.
+/// Largest number of pixels drawn for a PNG, before reduction: 0.8 GB.
 const MAX_DRAWN: f64 = 268_435_456.0;
-/// The SVG backend divides font sizes by this.
+/// The SVG backend divides font sizes by this factor.
 const PLOTTERS_FONT_FACTOR: f64 = 1.24;
 
 /// A drawing in all output formats.
@@ -38,7 +38,6 @@ pub struct Figure {
     pub title: String,
     /// A complete SVG document.
     pub svg: String,
-    /// A PNG file.
     pub png: Vec<u8>,
     /// A one-page PDF file; text is drawn as outlines and needs no font.
     pub pdf: Vec<u8>,
@@ -146,7 +145,7 @@ impl<'a> Drawing<'a> {
         let size = self.pixels(density * REDUCE);
         if f64::from(size.0) * f64::from(size.1) > MAX_DRAWN {
             return Err(self.failed(format!(
-                "{} × {} pixels are too many to draw; use a smaller width or fewer dpi",
+                "{} × {} pixels are too many to draw; use a smaller width or a lower dpi",
                 size.0, size.1
             )));
         }
@@ -170,8 +169,8 @@ impl<'a> Drawing<'a> {
     }
 }
 
-/// Sets the SVG's size in CSS pixels and its title for screen readers, corrects the positions of baselines, and adds
-/// pictures after the paper.
+/// Sets the SVG's size in CSS pixels and its title for screen readers, corrects the positions of baselines, and inserts
+/// pictures after the background.
 fn tidy(svg: &str, title: &str, (width, height): Point, zoom: f64, pictures: &str) -> String {
     let body = svg.split_once('>').map_or("", |(_, body)| body);
     let (paper, rest) = body.split_once("/>").unwrap_or((body, ""));
@@ -197,8 +196,8 @@ fn escaped(c: char) -> String {
     }
 }
 
-/// Draws on a plotters backend at `scale` pixels per unit. `letters` draws a text on its baseline, and `pictures` a
-/// picture from its corner at a size; both sizes are in pixels.
+/// Draws on a plotters backend at `scale` pixels per unit. `letters` draws a text at its baseline; `pictures` draws a
+/// picture at its upper left corner. Sizes passed to them are in pixels.
 fn paint<B: DrawingBackend>(
     mut backend: B,
     scale: f64,
@@ -282,7 +281,7 @@ fn svg_letters(
     backend.draw_text(text, &style, at).map_err(reason)
 }
 
-/// Enlarges without smoothing.
+/// Draws a picture enlarged without smoothing.
 fn bitmap_picture(
     backend: &mut BitMapBackend<'_>,
     picture: &RgbImage,

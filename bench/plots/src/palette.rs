@@ -18,7 +18,7 @@ pub const COLOURS: [Ink; 6] = [
 pub struct Style {
     /// Colour of line and marker.
     pub ink: Ink,
-    /// Also differs between methods, so that colour is never the only cue.
+    /// Marker shape; varies between methods, so that colour is never the only cue.
     pub marker: Marker,
     /// On and off lengths of a dashed line in CSS pixels; `None` is solid.
     pub dash: Option<(f64, f64)>,
@@ -44,8 +44,8 @@ const MARKERS: [Marker; 5] = [
 ];
 const DASHES: [Option<(f64, f64)>; 3] = [None, Some((7.0, 4.0)), Some((2.5, 3.0))];
 
-/// The style of method number `index` of a run. Colour, marker and dash cycle at different rates: ninety methods are
-/// distinct, thirty of them by colour and marker alone.
+/// The style of method number `index` of a run. Colour, marker and dash cycle at different rates: the first ninety
+/// methods are distinct, the first thirty by colour and marker alone.
 pub fn style(index: usize) -> Style {
     style_of(&COLOURS, index)
 }

@@ -116,7 +116,7 @@ pub struct BinCount {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlotArea {
     pub x: Scale,
-    /// Grows upwards.
+    /// Vertical scale; values grow upwards.
     pub y: Scale,
     /// Height at which infinite values are drawn.
     pub infinity: f64,
@@ -125,7 +125,6 @@ pub struct PlotArea {
 /// Draws the data of a panel.
 pub type DrawData<'a> = Box<dyn Fn(&mut Surface, &PlotArea) + 'a>;
 
-/// A panel of a figure.
 pub struct Panel<'a> {
     pub frame: PanelFrame,
     /// `Err` is the reason why there are no data.

@@ -34,7 +34,7 @@ pub(super) fn render(
         alphas: BTreeSet::new(),
         pictures: Vec::new(),
     };
-    // Units, y down.
+    // Coordinates below are in units, with y pointing down.
     page.content
         .transform([scale, 0.0, 0.0, -scale, 0.0, size[1]]);
     page.content.set_line_join(LineJoinStyle::RoundJoin);

@@ -150,7 +150,6 @@ impl FigureStyle {
         Ok(style)
     }
 
-    /// The style of method number `index` with this name.
     pub fn of_method(&self, name: &str, index: usize) -> Style {
         let style = style_of(&self.colours, index);
         let own = self.methods.get(name).cloned().unwrap_or_default();
@@ -174,14 +173,14 @@ impl FigureStyle {
         self.width_mm / MM_PER_INCH * 96.0 / self.medium().zoom
     }
 
-    /// Error message that the figure must be `times` times as wide.
+    /// Error message asking for a figure `times` times as wide.
     pub fn narrow(&self, times: f64) -> String {
         let Self {
             width_mm, font_pt, ..
         } = self;
         format!(
-            "a width of {width_mm} mm has no room for text of {font_pt} pt: use a width_mm of \
-             {:.0}, or a smaller font_pt",
+            "text of {font_pt} pt does not fit into a width of {width_mm} mm: use a width_mm of {:.0}, or a smaller \
+             font_pt",
             (width_mm * times).ceil()
         )
     }

@@ -24,8 +24,8 @@ use crate::errors::{failed, refused};
 use crate::views::Camera;
 
 /// 3D Gaussians, float32 arrays: means [N, 3] in metres, quaternions [N, 4] as w, x, y, z, scales [N, 3] (standard
-/// deviations, metres), opacities [N] in 0..1, colors [N, 3] in linear RGB, or in the encoding that their file's
-/// rendering rule blends.
+/// deviations, metres), opacities [N] in 0..1, colors [N, 3] in linear RGB, or encoded if the file's rendering rule
+/// blends encoded colours.
 #[pyclass(frozen, module = "sharp_bench")]
 #[derive(Clone)]
 pub(crate) struct Gaussians {

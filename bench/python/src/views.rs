@@ -30,7 +30,7 @@ impl From<&PosedCamera> for Camera {
 }
 
 #[pymethods]
-#[allow(non_snake_case, reason = "K is what everyone calls it")]
+#[allow(non_snake_case, reason = "K is the conventional name")]
 impl Camera {
     /// K is 3×3 without skew; camera_from_world is 4×4 and defaults to the identity (the world is the camera's own
     /// space).
@@ -197,7 +197,7 @@ pub(crate) struct Dataset {
     spec: String,
     format: &'static str,
     scenes: Vec<Py<Scene>>,
-    /// What was left out, and why.
+    /// Scenes that were left out, and why.
     notes: Vec<String>,
 }
 

@@ -29,7 +29,7 @@ const NEGLIGIBLE: f64 = 0.1;
 const LEAST_SHIFT: f64 = 0.05;
 /// Side of a cell of the neighbour search, pixels.
 const CELL: f64 = 4.0;
-/// How many pixels a relative difference of 1 in depth is worth: 1 % counts as one pixel.
+/// Weight of a relative difference in depth, pixels: 1 % of depth counts as one pixel.
 const PIXELS_OF_DEPTH: f64 = 100.0;
 
 /// Differences in one attribute.
@@ -38,9 +38,7 @@ pub struct FieldDifference {
     pub field: &'static str,
     pub unit: &'static str,
     pub median: f64,
-    /// 99th percentile.
     pub p99: f64,
-    /// Maximum.
     pub largest: f64,
 }
 
@@ -238,7 +236,7 @@ impl Pair<'_> {
             median((0..gaussians.len() as u32).map(|k| map.transform_point3(mean(gaussians, k)).z))
         };
         let true_depth = depth(self.reference, DAffine3::IDENTITY);
-        // Try an equal unit, and the unit that the median depth suggests.
+        // Try the reference's unit, and the unit that the ratio of median depths suggests.
         let scaled = placements().map(|placement| {
             let ratio = true_depth / depth(self.port, placement.camera_from_file(&self.camera));
             let scale = Some(ratio).filter(|ratio| ratio.is_finite() && *ratio > 0.0);

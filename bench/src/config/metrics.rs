@@ -51,8 +51,8 @@ impl MetricConfig {
         Ok(Scoring::with_options(selection, &weights, options)?)
     }
 
-    /// Like [`scoring`](Self::scoring), but fails at once if an explicitly named metric lacks its
-    /// weights, rather than leaving its column empty after hours.
+    /// Like [`scoring`](Self::scoring), but fails at once if an explicitly named metric has no weights, instead of
+    /// leaving its column empty.
     pub fn complete_scoring(&self, selection: &Selection) -> Result<Scoring, ConfigError> {
         let scoring = self.scoring_of(selection)?;
         demand_weights(selection, &scoring.scorer)?;

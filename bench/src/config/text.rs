@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// A text, or a number that stands for its text.
+/// A text, or a number that is converted to text.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Form {

@@ -47,8 +47,8 @@ impl Aggregation {
         mean(&units.map(|(_, value)| value).collect::<Vec<_>>())
     }
 
-    /// What the mean weights equally, each with one of its records: the pairs in the given order, or
-    /// the means of groups of them, by name. The order of threads does not matter.
+    /// The equally weighted terms of the mean, each with one of its records: the pairs in the given order, or the means
+    /// of groups of pairs, in order of the groups' names. Independent of the order of threads.
     pub fn units<'a>(
         self,
         values: impl IntoIterator<Item = (&'a Record, f64)>,
@@ -58,7 +58,7 @@ impl Aggregation {
             Self::Scenes => |record| [&record.dataset, &record.scene, ""],
             Self::Sources => |record| [&record.dataset, &record.scene, &record.source],
         };
-        // Any record, sum and count of each group.
+        // For each group: one of its records, the sum and the count of values.
         let mut groups: BTreeMap<[&str; 3], (&Record, f64, usize)> = BTreeMap::new();
         for (record, value) in values {
             let key = parts(record);

@@ -48,7 +48,7 @@ pub(crate) struct Head {
     pub(crate) occasion: Option<Occasion>,
 }
 
-/// Facts about a run that only its author knows.
+/// Facts about a run that its author states.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Occasion {
     pub label: String,
@@ -99,8 +99,8 @@ struct UnitLine {
 /// Writes the results of a run folder, or of another bundle, to a file, with its times if wanted.
 ///
 /// # Errors
-/// If the run cannot be read or the file cannot be written; also if the file exists and is not a bundle, or is one with
-/// an [`Occasion`], which belongs to a history.
+/// If the run cannot be read, the file cannot be written, or it exists and is not a bundle or is an entry of a history
+/// (has an [`Occasion`]).
 pub fn write_bundle(run: &Path, out: &Path, with_times: bool) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {
@@ -288,7 +288,7 @@ fn unavailable(record: &Record) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Digest of manifest, records and any times, as the bundle's format defines it.
+/// Digest of manifest, records and any times, as defined by the bundle's format.
 fn digest(
     format: u32,
     manifest: &Manifest,
@@ -372,7 +372,7 @@ pub(crate) fn read_head(path: &Path) -> Result<Head, EvaluateError> {
     Members::open(path)?.head()
 }
 
-/// Times in a bundle; none if it was written without.
+/// Times in a bundle; empty if it was written without times.
 pub(super) fn read_timings(path: &Path) -> Result<Timings, EvaluateError> {
     Members::open(path)?.timings()
 }

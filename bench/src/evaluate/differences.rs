@@ -71,7 +71,7 @@ impl ManifestDifference {
         }
     }
 
-    /// A sentence; `one` and `other` name the sources of the two values.
+    /// A sentence with both values; `one` and `other` name their sources.
     pub(super) fn between(&self, one: &str, other: &str) -> String {
         let what = &self.what;
         match &self.values {
@@ -128,7 +128,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
     let aggregations = both.map(|manifest| manifest.aggregation.to_string());
     found.compare(RULE, "the aggregation", aggregations);
     for (name, text) in now.scoring.iter().filter(|(name, _)| *name != AGGREGATION) {
-        // Versions that did not yet record a convention used the one of today.
+        // Versions that did not yet record a convention used today's.
         let stated = before.scoring.get(name).unwrap_or(text);
         found.compare(CONVENTION, name, [stated.clone(), text.clone()]);
     }
@@ -404,7 +404,7 @@ mod tests {
     use crate::evaluate::test_records::manifest;
     use crate::methods::TrueDepth;
 
-    /// By purpose, the effect of the only difference.
+    /// The effect of a single difference, for each purpose.
     fn effects(change: impl Fn(&mut Manifest)) -> [Effect; 4] {
         let before = manifest("psnr");
         let mut now = before.clone();

@@ -11,23 +11,23 @@ use super::record::Record;
 use crate::methods::{TrueDepth, UNUSABLE};
 use crate::pairs::pair_id::source_of;
 
-/// Ratio of rendered to true depth beyond which the unit is probably not metres.
+/// Ratio of rendered to true depth, or of true to rendered, beyond which the unit is probably not the metre.
 const UNLIKELY_SCALE: f64 = 10.0;
-/// Minimum number of sources for outlier detection. With fewer, other readings are tried for most of them anyway.
+/// Minimum number of sources for outlier detection. With fewer sources, most are tried under other readings anyway.
 const FEWEST_SOURCES: usize = 4;
-/// Minimum gap between wrong sources and the others, dB: the difference between explaining half of a photograph's
-/// variance and none of it.
+/// Minimum gap in PSNR between wrong sources and the others, dB: the gain of explaining half of a photograph's variance
+/// over explaining none of it.
 const LEAST_GAP: f64 = 6.0;
-/// Minimum ratio of the gap to the distance between the worst and the median of the others, which is rare by chance.
+/// Minimum ratio of the gap to the distance between the worst and the median of the other sources. A larger ratio is
+/// rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
-/// Across scenes, only sources below this PSNR count as outliers, dB: the PSNR of a uniform picture in the mean colour
-/// at a contrast of 45 levels.
+/// Across scenes, only sources below this PSNR count as outliers, dB. It is the PSNR of a uniform picture in the mean
+/// colour, for a photograph with a contrast of 45 levels.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
-/// A sentence names at most this many sources and counts the rest.
+/// Maximum number of sources that a sentence names; it counts the rest.
 const MOST_NAMED: usize = 8;
 
-/// Extras of methods that state their training views: 1 if the pair's source (first) or target (second) is among those
-/// views.
+/// Extras of methods that state their training views: 1 if the pair's source (first) or target (second) is one of them.
 pub(super) const TRAINED_ON: [&str; 2] = ["source_trained_on", "target_trained_on"];
 
 /// Notes on rendering rules of a method's Gaussians that neither the files nor the user stated.
@@ -65,9 +65,9 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
     doubts
 }
 
-/// Names sources whose rendering is much worse than that of the others in their scene, or worse than that of the others
-/// in their dataset and than a uniform picture. Other readings are tried for only three sources of a dataset; this
-/// finds wrong files among the rest.
+/// Names sources whose rendering is much worse than the others of their scene, or both much worse than the others of
+/// their dataset and worse than a uniform picture. Other readings are tried for only three sources of a dataset; this
+/// check finds wrong files among the rest.
 fn outlying_sources<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
@@ -76,7 +76,7 @@ fn outlying_sources<'a>(
     if ["sharp", "depth-splat"].contains(&kind) {
         return None;
     }
-    // These sources show their photograph, however low their PSNR.
+    // Blurred sources show their photograph, however low their PSNR.
     let blurred = records
         .clone()
         .filter(|r| r.extras.contains_key(SOURCE_BLUR));
@@ -107,7 +107,7 @@ fn outlying_sources<'a>(
     let (of_worse, of_others) = (range(&mut worse), range(&mut others));
     Some(format!(
         "{} of {count} sources reproduce the photograph they were predicted from at only {of_worse} dB, the others \
-         at {of_others}: {}; do their files belong to other sources? (`gaussians info FILE` shows what a file holds)",
+         at {of_others}: {}; do their files belong to other sources? (`gaussians info FILE` describes a file)",
         worse.len(),
         listed(worse.iter().map(|(name, _)| *name).collect())
     ))
@@ -129,7 +129,7 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     })
 }
 
-/// Findings from all records of a method: see `outlying_sources` and `changed_pictures`.
+/// Findings from all records of a method; see `outlying_sources` and `changed_pictures`.
 pub(super) fn joint_doubts<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,

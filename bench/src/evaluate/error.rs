@@ -22,7 +22,7 @@ pub enum EvaluateError {
     RunDataset {
         spec: String,
         reason: Box<PairError>,
-        /// The folder to which the path is relative; empty for an absolute path.
+        /// The folder to which a relative path was resolved; empty for an absolute path.
         from: String,
     },
     #[error("dataset '{0}': this version cannot read the location of its files from the manifest")]
@@ -42,7 +42,7 @@ pub enum EvaluateError {
          select them with other depth, such as --overlap-depth DIR"
     )]
     ChosenByMethod { method: String },
-    /// The renderer's device failed. The unit is not recorded, and the same run resumes from there.
+    /// The renderer's device failed. The unit is not recorded, so that the same command resumes with it.
     #[error(
         "{method} on {pair_id}: {reason}; finished units are kept; run the same command again to continue"
     )]
@@ -74,7 +74,7 @@ pub enum EvaluateError {
     /// A file that was expected to be a bundle.
     #[error("{}: not a bundle of scores: {reason}", path.display())]
     Bundle { path: PathBuf, reason: String },
-    /// Several folders are to be joined, but no output folder was given.
+    /// Several folders were to be joined, but no output folder was given.
     #[error("to join several folders, give the folder for the result with --out FOLDER")]
     NoOutput,
     /// Results of two folders contradict each other and cannot be shown together.
@@ -86,7 +86,7 @@ pub enum EvaluateError {
     },
     #[error(transparent)]
     Shard(#[from] ShardError),
-    /// The folder lacks something that the command needs.
+    /// Something that the command needs is missing in the folder.
     #[error("{}: {reason}", folder.display())]
     NotKept {
         folder: PathBuf,

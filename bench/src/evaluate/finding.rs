@@ -1,4 +1,4 @@
-//! Findings on a stored picture. What is shown of them depends on all pictures of a dataset.
+//! Findings on a stored picture. Which of them are reported depends on all pictures of a dataset.
 
 use glam::{DMat2, DVec2};
 use schemars::JsonSchema;
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub enum PictureChange {
     /// It is the photograph.
     Photograph,
-    /// It is unlike its photograph and the source's, and no other change explains that.
+    /// It resembles neither its photograph nor the source's, and no other change explains that.
     Unlike,
     Linear,
     EncodedTwice,
@@ -55,7 +55,8 @@ pub enum PictureChange {
     Interlaced,
     /// A white border on all sides.
     Framed,
-    /// White or black from the first row down, or from some row to the last: its thickness, thousandths of the height.
+    /// White or black from the first row down, or from some row to the last: the strip's thickness, thousandths of the
+    /// height.
     Strip([i16; 2]),
     /// Several pictures side by side or one above the other.
     Panels,
@@ -63,13 +64,13 @@ pub enum PictureChange {
     Padded,
     /// The photograph is larger along one axis.
     Cropped,
-    /// Darkest and brightest level became 0 and 255: the gain in contrast, percent.
+    /// The darkest and brightest levels became 0 and 255. The value is the gain in contrast, percent.
     Stretched(i16),
-    /// Three equal channels, although the photograph has colours.
+    /// Three equal channels, although the photograph is coloured.
     Grey,
-    /// Two equal channels, although the photograph's differ.
+    /// Two equal channels, although these channels of the photograph differ.
     EqualChannels,
-    /// Neighbouring pixels have nothing in common.
+    /// Neighbouring pixels are uncorrelated.
     Noise,
     /// Blocks of equal pixels.
     Blocks,
@@ -126,23 +127,24 @@ impl PictureChange {
                 "have no level above 1, because values from 0 to 1 were not multiplied by 255"
             }
             Self::Bars => {
-                "have bars of one colour at two opposite sides, as padding leaves; remove it before storing them"
+                "have bars of one colour at two opposite sides, probably padding; remove it before storing them"
             }
             Self::Unfinished => {
                 "have one colour from some row down to the last, as if they were unfinished"
             }
             Self::Interlaced => {
-                "have every second row from elsewhere, as if two pictures were interlaced"
+                "have every second row from another picture, as if two pictures were interlaced"
             }
             Self::Framed => {
-                "have a white border on all sides, as figures with axes or margins have; store the picture alone"
+                "have a white border on all sides, like figures with axes or margins; store only the picture"
             }
             Self::Strip(_) => {
-                "have a strip of one colour, equally thick in all, along one side, as captions and padding leave; \
-                 store the picture alone"
+                "have a strip of one colour along one side, of the same thickness in all pictures, probably a \
+                 caption or padding; store only the picture"
             }
             Self::Panels => {
-                "are several pictures side by side or one above the other, squeezed; store the prediction alone"
+                "are several pictures side by side or one above the other, squeezed into one; store only the \
+                 prediction"
             }
             Self::Padded => {
                 "were resized with padding around them: remove it before resizing, or store the pictures without it"
@@ -160,20 +162,21 @@ impl PictureChange {
                  store them"
             }
             Self::EqualChannels => {
-                "have two equal channels, although those of the photographs differ: was one stored in another's place?"
+                "have two equal channels, although those of the photographs differ: was one stored in place of \
+                 another?"
             }
             Self::Blocks => {
                 "consist of blocks of equal pixels, as if small pictures had been enlarged by repeating pixels; store \
                  them at the size at which they were predicted, and see resize="
             }
             Self::Noise => {
-                "are noise: neighbouring pixels have nothing in common (latents, unfinished sampling or bytes read as \
+                "are noise: neighbouring pixels are uncorrelated (latents, unfinished sampling or bytes read as \
                  another type?)"
             }
         }
     }
 
-    /// Whether the change leaves traces that proper and poor predictions do not have.
+    /// Whether the change leaves traces that neither good nor poor predictions show.
     pub fn is_visible(self) -> bool {
         matches!(
             self,
@@ -221,9 +224,9 @@ impl PictureChange {
 #[serde(rename_all = "kebab-case")]
 pub enum ShownTarget {
     Own,
-    /// That of the previous pair.
+    /// The target of the previous pair.
     Previous,
-    /// That of the next pair.
+    /// The target of the next pair.
     Next,
     Other,
     /// No target: the source's photograph.
@@ -246,13 +249,13 @@ impl ShownTarget {
     }
 }
 
-/// The camera through which a stored picture shows the scene, measured against the target's.
+/// The camera from which a stored picture shows the scene, compared with the target's camera.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum ShownCamera {
-    /// A camera that moved by this percentage of the target's motion; 100 is the target's own.
+    /// A camera that moved by this percentage of the target's motion; 100 is the target's own camera.
     Moved(i16),
     /// The target's camera with the source's intrinsics.
     SourceIntrinsics,
@@ -289,13 +292,13 @@ impl ShownCamera {
                  with the target's intrinsics"
             }
             Self::InversePose => {
-                "what the inverse of the target's pose sees: check whether the pose maps from or to the camera"
+                "the view from the inverse of the target's pose: check whether the pose maps from or to the camera"
             }
             Self::OtherAxes => {
-                "what the target's pose sees if y and z are reversed: check the axes (OpenCV or OpenGL)"
+                "the view from the target's pose with y and z reversed: check the axes (OpenCV or OpenGL)"
             }
             Self::TransposedRotation => {
-                "what the transpose of the target's rotation sees: check the order of rows and columns"
+                "the view from the target's pose with its rotation transposed: check the order of rows and columns"
             }
         };
         format!("show {shown}")
@@ -306,7 +309,7 @@ impl ShownCamera {
         !matches!(self, Self::Moved(65..150))
     }
 
-    /// Whether two pictures of one dataset agree on the camera, apart from measuring errors.
+    /// Whether two pictures of one dataset agree on the camera, within measurement errors.
     pub fn is_like(self, other: Self) -> bool {
         match (self, other) {
             (Self::Moved(percent), Self::Moved(other)) => {
@@ -319,8 +322,8 @@ impl ShownCamera {
     }
 }
 
-/// Maximum difference between multiples of the motion with one cause: percentage points, or, if larger, a share of the
-/// multiple.
+/// Maximum difference between multiples of the motion that share a cause: in percentage points, or, if larger, as a
+/// share of the multiple.
 const UNEVEN: (f64, f64) = (8.0, 0.12);
 
 /// How a picture frames its target, compared with its photograph.
@@ -332,13 +335,13 @@ pub struct Framing {
     pub zoom: i16,
     /// Clockwise rotation, thousandths of a degree.
     pub roll: i16,
-    /// Shift to the right and down, thousandths of the width. Without its component along the epipolar lines, if these
-    /// are parallel.
+    /// Shift to the right and down, thousandths of the width. If the epipolar lines are parallel, the component along
+    /// them is left out.
     pub shift: [i16; 2],
 }
 
 impl Framing {
-    /// Maximum differences in zoom, roll and shift between framings with one cause.
+    /// Maximum differences in zoom, roll and shift between framings that share a cause.
     const UNEVEN: [i16; 3] = [25, 700, 4];
     /// Minimum differences in zoom, roll and shift that count as wrong.
     const LEAST: [i16; 3] = [15, 700, 5];
@@ -356,7 +359,7 @@ impl Framing {
         self.shift.iter().any(|by| by.abs() >= least)
     }
 
-    /// Factor by which rotations and shifts of zoomed pictures are measured less exactly.
+    /// Factor by which measurements of rotation and shift are less exact in a zoomed picture.
     fn coarser(self) -> i16 {
         if self.is_zoomed() { 3 } else { 1 }
     }
@@ -365,7 +368,7 @@ impl Framing {
         self.is_zoomed() || self.is_rolled() || self.is_shifted()
     }
 
-    /// Whether this may be a measurement of `other`, whose shift is complete.
+    /// Whether this may be a measurement of `other`, whose shift has both components.
     pub fn is_like(self, other: Self) -> bool {
         let near = |a: i16, b: i16, most: i16| (a - b).abs() <= most;
         let [zoom, roll, shift] = Self::UNEVEN;
@@ -377,8 +380,8 @@ impl Framing {
             && off.abs() <= f64::from(times * shift)
     }
 
-    /// The framing that explains several measurements best. Each has only the component of the shift across its own
-    /// epipolar lines.
+    /// The framing that explains several measurements best. Each measurement contains only the component of the shift
+    /// across its own epipolar lines.
     pub fn common(framings: &[Self]) -> Option<Self> {
         let middle = |of: fn(&Self) -> i16| {
             let mut all: Vec<i16> = framings.iter().map(of).collect();
@@ -410,7 +413,7 @@ impl Framing {
         if self.is_zoomed() {
             let zoom = f64::from(self.zoom) / 1000.0;
             parts.push(format!(
-                "with {zoom:.2} times its focal length, as after a wrong focal length or a crop that was resized"
+                "with {zoom:.2} times its focal length, as with a wrong focal length or a resized crop"
             ));
         }
         if self.is_rolled() {
@@ -420,7 +423,7 @@ impl Framing {
         if self.is_shifted() {
             let [x, y] = self.shift.map(|by| f64::from(by) / 10.0);
             parts.push(format!(
-                "shifted by ({x:.1} %, {y:.1} %) of the width, as by a wrong principal point or a crop"
+                "shifted by ({x:.1} %, {y:.1} %) of the width, as with a wrong principal point or a crop"
             ));
         }
         parts.join(", ")

@@ -57,7 +57,7 @@ impl RunFolder {
         Ok(folder)
     }
 
-    /// Like [`Self::create`], but concurrently with other processes that make the same plan.
+    /// Like [`Self::create`], but other processes with the same plan may use the folder at the same time.
     ///
     /// # Errors
     /// As [`Self::create`].
@@ -76,7 +76,7 @@ impl RunFolder {
             .filter_map(Result::ok)
             .any(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
         let started = ["manifest.json", "units"].map(|name| root.join(name));
-        // A run that was killed before its first unit leaves nothing but the lock.
+        // A run that was killed before its first unit leaves only the lock file.
         let is_ours = || {
             let lock = root.join(".lock");
             lock.is_file() && read(&lock).is_ok_and(|text| text.starts_with(MARK.as_bytes()))
@@ -89,7 +89,7 @@ impl RunFolder {
             });
         }
         let (lock, is_locked) = lock(root, take)?;
-        // Write before truncating, so that the file is never empty: another process may be looking for the mark.
+        // Write before truncating, so that the file is never empty: another process may be checking for the mark.
         let mark = || -> std::io::Result<()> {
             (&lock).write_all(MARK.as_bytes())?;
             lock.set_len(MARK.len() as u64)
@@ -134,7 +134,7 @@ impl RunFolder {
         })
     }
 
-    /// The same folder for reading, without the lock.
+    /// The same folder, for reading and without the lock.
     pub(super) fn unlocked(&self) -> Self {
         Self {
             root: self.root.clone(),

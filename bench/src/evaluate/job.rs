@@ -80,9 +80,9 @@ impl RunOptions {
 pub(super) struct Job<'a> {
     /// Pairs sorted by id.
     pub(super) pairs: Vec<ResolvedPair<'a>>,
-    /// Sources for which other readings of their Gaussians are tried.
+    /// Sources whose Gaussians are also tried under other readings.
     pub(super) checked: BTreeSet<String>,
-    /// For a sample of pairs, other pairs whose targets the pictures of the sample may show instead.
+    /// For a sample of pairs: other pairs whose targets their pictures may show instead.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,
@@ -98,7 +98,7 @@ pub(super) struct Job<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct UnitCounts {
     pub units: usize,
-    /// Units that were complete before.
+    /// Units that were already complete.
     pub reused: usize,
     /// Number of predictions: one per source for methods that predict Gaussians, one per pair for
     /// other methods.

@@ -1,5 +1,5 @@
-//! Combines folders: equal units are kept once, different units are all kept; contradictions are an
-//! error with the reason.
+//! Combines folders. Equal units are kept once, different units are all kept; a contradiction is an error that states
+//! the reason.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -19,7 +19,7 @@ use crate::pairs::PairList;
 /// A folder to join, `NAME=FOLDER` or `FOLDER`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Named {
-    /// Prefix of the label of each method; if the folder has only one method, the whole label.
+    /// Prefix for the label of each method; if the folder has only one method, its whole label.
     pub name: Option<String>,
     pub path: PathBuf,
 }

@@ -8,7 +8,7 @@
 //! * *score*, one per metric: the picture's pixels and region, the ground truth with its mask, the
 //!   metric with its code.
 //!
-//! If a file cannot be read, its error is hashed instead: the unit fails anyway, for that reason.
+//! If a file cannot be read, its error is hashed instead: the unit will fail for that reason anyway.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -200,8 +200,8 @@ impl Keys {
         (!files.is_empty()).then_some(hash)
     }
 
-    /// Compares the input files of stored units with those on disk. Skips failed units, and units
-    /// whose dataset or method is not given.
+    /// Compares the input files of stored units, by hash, with those on disk. Skips failed units, and units whose
+    /// dataset or method is not given.
     ///
     /// # Errors
     /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` completes the
@@ -262,8 +262,8 @@ impl Keys {
         Ok(())
     }
 
-    /// Why a pair's keys are out of date: a file of the pair or of `method` changed after it was
-    /// hashed. `None` if no file did.
+    /// Why a pair's keys are out of date: a file of the pair or of `method` changed after it was hashed. `None` if no
+    /// file changed.
     pub(super) fn changed(
         &self,
         method: Option<&dyn Method>,

@@ -42,7 +42,7 @@ pub struct Manifest {
     /// Instruction set of the CPU's kernels.
     #[schemars(with = "String")]
     pub kernels: InstructionSet,
-    /// How the networks behind the metrics are computed.
+    /// Device and precision of the networks behind the metrics.
     pub metric_networks: Arithmetic,
     /// The conventions that turn predictions into scored pictures, as text.
     pub scoring: BTreeMap<String, String>,
@@ -75,10 +75,9 @@ pub struct ProtocolRecord {
     pub name: String,
     /// Repository and commit of its rules.
     pub source: String,
-    /// How the original treats failed targets. Here, failures are recorded and tables state their
-    /// coverage.
+    /// How the original treats failed targets. Here, failures are recorded and tables state their coverage.
     pub failures: String,
-    /// Misleading rules that the run follows nevertheless.
+    /// Misleading rules of the original that the run follows nevertheless.
     pub traps: Vec<String>,
     /// Differences between this harness and the original.
     pub departures: Vec<String>,
@@ -313,8 +312,7 @@ pub struct MethodRecord {
     /// Warnings about the method's options, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// Rendering rules for the method's files of Gaussians that neither the files nor the user
-    /// stated.
+    /// Rendering rules of the method's Gaussian files that neither the files nor the user stated.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub drawn: Vec<String>,
     /// Warnings about the method's predictions, one of each kind.
@@ -353,7 +351,7 @@ impl Manifest {
 
     /// Updates bundles of format 1, which were scored before colour profiles were converted.
     /// Pictures in sRGB score the same, so today's convention is stated; a note on each dataset
-    /// says which pictures differ.
+    /// states which pictures differ.
     pub(super) fn restate_target_convention(&mut self) {
         self.scoring
             .insert(TARGET.to_owned(), TARGET_CONVENTION.to_owned());
@@ -442,7 +440,7 @@ pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
 const TARGET: &str = "target";
 const TARGET_CONVENTION: &str = "sRGB, 8 bit, as decoded; converted from other colour profiles, undistorted or masked where the dataset's notes say so";
 
-/// Key of the convention on averaging.
+/// Key of the averaging convention in [`Manifest::scoring`].
 pub(super) const AGGREGATION: &str = "aggregation";
 
 fn aggregation_convention(aggregation: Aggregation) -> String {

@@ -8,8 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::manifest::FORMAT;
 use super::unit::UnitProgress;
 
-/// `plan.json`: the planned pairs and methods. If several runs added to a folder, there are several
-/// blocks.
+/// `plan.json`: the planned pairs and methods. Each run that adds to a folder adds a block.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RunPlan {
     /// [`FORMAT`] of the writer.
@@ -31,7 +30,7 @@ pub struct PlanBlock {
 }
 
 impl RunPlan {
-    /// Adds a block, unless it is already there.
+    /// Adds a block unless the plan already has it.
     #[must_use]
     pub fn with(mut self, block: PlanBlock) -> Self {
         self.format = FORMAT;
@@ -64,9 +63,9 @@ impl RunPlan {
 
 /// Estimated cost of a whole evaluation, including finished units.
 ///
-/// Linear in sources and pairs: if a method predicts Gaussians, only the first pair of a source
-/// includes the prediction. Excludes rescoring by `common_region`. The time of `command` programs
-/// is included only in [`wall_secs`](StageCost::wall_secs).
+/// Linear in the numbers of sources and pairs. If a method predicts Gaussians, only a source's first pair includes the
+/// prediction. Excludes rescoring by `common_region`. The time of `command` programs is included only in
+/// [`wall_secs`](StageCost::wall_secs).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
     /// Number of units (pairs times methods).
@@ -79,10 +78,10 @@ pub struct Estimate {
     pub measured_pairs: usize,
     /// Number of measured units that failed.
     pub measured_failures: usize,
-    /// All stages together; disk space is what remains in the run folder.
+    /// All stages together. Disk space is that of the finished run folder.
     #[serde(flatten)]
     pub total: StageCost,
-    /// Predicting Gaussians and pictures; disk space is what is used if stages run separately.
+    /// Predicting Gaussians and pictures. Disk space is that of the files passed on if stages run separately.
     pub predict: StageCost,
     /// Rendering.
     pub render: StageCost,

@@ -40,11 +40,10 @@ use crate::scoring::ground_truth::valid_mask;
 pub(super) enum Prepared {
     /// Complete or failed.
     Done(Box<Unit>, Reuse),
-    /// Not yet scored.
     Unscored(Box<Unscored>),
-    /// Waiting for another stage.
+    /// Needs another stage first.
     Waiting,
-    /// Not reached before the run was stopped.
+    /// Not started before the run was stopped.
     Left,
 }
 
@@ -54,7 +53,7 @@ pub(super) enum Reuse {
     New,
 }
 
-/// State shared by the pairs of a source, which follow each other because pairs are sorted.
+/// State shared by the pairs of a source. Pairs are sorted, so those of a source are consecutive.
 pub(super) struct Sources<'a> {
     gaussians: GaussianStore,
     photograph: Option<(&'a View, RgbImage)>,
@@ -125,7 +124,7 @@ enum Failure {
     Waiting,
 }
 
-/// Rejects pictures of the wrong size, and values that rounding to 8 bit would hide.
+/// Rejects pictures of the wrong size, and values out of range, which rounding to 8 bit would hide.
 fn check(prediction: &PicturePrediction, target: (u32, u32)) -> Result<(), MethodError> {
     let refused = |reason: String| MethodError::Model(format!("the prediction {reason}"));
     let checked = prediction.picture.check();
@@ -190,7 +189,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
     }
 
-    /// Takes the unit from the folder, or makes its picture.
+    /// Reuses the stored unit if possible; otherwise makes its picture.
     pub(super) fn prepare(
         &mut self,
         method: &dyn Method,
@@ -273,7 +272,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
     }
 
-    /// A stored unit, updated from the current pair list.
+    /// A stored unit with the values of the current pair list and the current hashes of files.
     fn refreshed(&self, method: &dyn Method, mut unit: Unit) -> Result<Unit, EvaluateError> {
         let ResolvedPair { pair, scene, .. } = self.truth.planned;
         let refreshed = Record {
@@ -285,8 +284,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
             files: self.job.keys.pair_files(method, &self.truth.planned),
             ..unit.record.clone()
         };
-        // Otherwise, scores by metrics that this run does not compute would remain those of the old
-        // files.
+        // The stored scores belong to the old files; clear all, because this run may not recompute every metric.
         if refreshed.files != unit.record.files {
             unit.scores.clear();
         }
@@ -297,8 +295,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(self.folder.save(unit)?)
     }
 
-    /// Records the picture and stores it, if requested. This happens before scoring, so that a run
-    /// killed while scoring need not predict again.
+    /// Records the picture, and stores it if requested. Done before scoring, so that a run killed during scoring need
+    /// not predict again.
     fn keep(&self, unit: &mut Unit, made: Made) -> Result<RgbImage, EvaluateError> {
         let prediction = made.prediction;
         let picture = match prediction.picture {
@@ -315,7 +313,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         unit.record.warnings = made.warnings;
         unit.record.rule_note = made.rule_note;
         for note in prediction.notes {
-            // Tables show one note of each kind; a kind is identified by the note's first words.
+            // Tables show one note of each kind, identified by the note's first words.
             let about = note.split(' ').take(4).collect::<Vec<_>>().join(" ");
             let id = &self.truth.planned.pair.pair_id;
             unit.record
@@ -346,7 +344,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(picture)
     }
 
-    /// Makes a method's picture; `None` if this stage ends before pictures.
+    /// Makes a method's picture; `None` if the requested stages make none.
     fn make(
         &mut self,
         method: &dyn Method,
@@ -412,7 +410,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(Some(made))
     }
 
-    /// Makes the picture of a method that predicts Gaussians; `None` if this stage ends before pictures.
+    /// Makes the picture of a method that predicts Gaussians; `None` if the requested stages make none.
     fn splat(
         &mut self,
         method: &dyn Method,
@@ -437,7 +435,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         let prediction = if stages == Stages::Render {
             sources.gaussians.get(&keys.predict, name, None)
         } else {
-            // The photograph is read only if a prediction is made.
+            // The photograph is read only when a prediction is made.
             let photograph = std::cell::RefCell::new(&mut sources.photograph);
             let predict = || {
                 predicted.set(1);
@@ -449,7 +447,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
                 let source = SourceView::new(name, &self.source, image, seen);
                 let (made, secs) = self.timed(|| gaussians.predict(&source, target.as_ref()));
                 let made = made?;
-                // Check for changed files before the prediction is stored for other targets.
+                // Check for changed files before storing the prediction for other targets.
                 match self.job.keys.changed(Some(method), &self.truth.planned) {
                     Some(reason) => Err(MethodError::Model(reason)),
                     None => Ok((made, secs)),
@@ -577,8 +575,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(facts)
     }
 
-    /// If a device is lost or out of memory, the pair is not at fault: the run ends, and a restart
-    /// retries the unit.
+    /// A lost device or lack of memory is not the pair's fault: it ends the run, and a restart retries the unit.
     fn render_failure(&self, method: &dyn Method, error: &RenderError) -> Failure {
         if error.is_device_fault() {
             Failure::Run(EvaluateError::Device {

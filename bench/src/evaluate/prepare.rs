@@ -40,7 +40,7 @@ use crate::scoring::Scoring;
 /// Input of [`prepare`].
 pub struct Request {
     pub datasets: Vec<OpenDataset>,
-    /// Checks scenes for contradictions before anything else; `None` skips the check.
+    /// Checks of scenes for contradictions, made before anything else; `None` skips them.
     pub checks: Option<SceneChecks>,
     /// The pattern of `--scenes`, for the record.
     pub only_scenes: Option<String>,
@@ -104,8 +104,7 @@ pub struct Evaluation {
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,
     pub(super) config: Option<RunConfig>,
-    /// By dataset, the [`DatasetRecord::unreadable_views`] of the plan, because shards build no
-    /// pairs.
+    /// [`DatasetRecord::unreadable_views`] from the plan, by dataset, because shards build no pairs.
     planned_unreadable: BTreeMap<String, usize>,
     pub(super) methods: Vec<Box<dyn Method>>,
     pub(super) scoring: Scoring,
@@ -145,7 +144,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             let configs = request.config.iter_mut().flat_map(|c| &mut c.datasets);
             configs.for_each(|dataset| recipe.pin(dataset));
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
-            // The manifest and the report list the files that cause pairs to be missing.
+            // The manifest and the report list the files because of which pairs are missing.
             for problem in built.build.left_out() {
                 let mut scenes = request.datasets.iter_mut().flat_map(|d| &mut d.scenes);
                 let is_of = |scene: &&mut Scene| {
@@ -259,8 +258,8 @@ fn check_independence(
     Ok(())
 }
 
-/// Warns if the list was made from other photographs. Fails if it was made from other poses,
-/// because its baselines and rotations, which are used for sorting and plotting, would be wrong.
+/// Warns if the list was made from other photographs. Fails if it was made from other poses, because its baselines and
+/// rotations, which are used for sorting and plotting, would be wrong.
 fn check_files(
     list: &PairList,
     scenes: &[Scene],
@@ -389,7 +388,7 @@ impl Evaluation {
         })
     }
 
-    /// Progress of this evaluation in a folder; without a folder, everything is missing.
+    /// Progress of this evaluation in a folder; without a folder, all units are missing.
     ///
     /// # Errors
     /// If the folder cannot be read.

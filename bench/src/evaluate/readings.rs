@@ -1,5 +1,5 @@
-//! Scores kept predictions under other readings of the protocol than the run's. Predicts and
-//! renders nothing, and does not change the folder.
+//! Scores kept predictions under readings of the protocol other than the run's. Predicts and renders nothing, and does
+//! not change the folder.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -23,7 +23,7 @@ use crate::pairs::dataset::scenes_of;
 use crate::scoring::rules::{Border, ScoringRules};
 use crate::scoring::{Region, Scoring};
 
-/// Minimum alpha by which colours are divided, as in UniSHARP's trainer.
+/// Lower bound of the alpha that divides colours, as in UniSHARP's trainer.
 const LEAST_ALPHA: f32 = 1e-4;
 
 /// How a prediction is converted to the scored picture.
@@ -31,14 +31,14 @@ const LEAST_ALPHA: f32 = 1e-4;
 pub enum PictureReading {
     /// As scored by the run.
     AsScored,
-    /// Floats, not rounded to 8 bit.
+    /// Floating-point values, not rounded to 8 bit.
     Unrounded,
-    /// 8 bit by truncation.
+    /// Truncated to 8 bit.
     Truncated,
     /// Linear colour divided by alpha, so that partly covered pixels take the colour of the covering surface; rounded
     /// to 8 bit.
     AlphaDivided,
-    /// As scored, without the border ([`Border::Twentieth`]).
+    /// As scored, but without the border ([`Border::Twentieth`]).
     BorderCropped,
 }
 
@@ -75,9 +75,9 @@ pub struct Readings {
     pub records: Vec<Record>,
     /// Number of units by dataset.
     pub units: BTreeMap<String, usize>,
-    /// One score per record, by reading and metric. Metrics without any score are left out.
+    /// For each reading and metric, one score per record. Metrics without any score are left out.
     pub scores: BTreeMap<(PictureReading, MetricKey), Vec<Option<f64>>>,
-    /// Reasons for missing scores, with the number of pairs for each.
+    /// Number of pairs by reading and reason, for scores that are missing.
     pub absent: BTreeMap<(String, String), usize>,
     /// Number of the run's scores that differ when recomputed from the kept pictures.
     pub changed: usize,
@@ -264,7 +264,6 @@ impl Readings {
             .or_default() += 1;
     }
 
-    /// The datasets of the units.
     pub fn datasets(&self) -> BTreeSet<&str> {
         self.units.keys().map(String::as_str).collect()
     }

@@ -72,8 +72,8 @@ pub struct Record {
     pub baseline_m: f64,
     /// Angle between the two cameras, degrees.
     pub rotation_deg: f64,
-    /// Median ground-truth depth of the target view, metres. If the target of a stereo pair has no
-    /// depth, that of the source.
+    /// Median ground-truth depth of the target view, metres. If the target of a stereo pair has no depth, the median of
+    /// the source's depth.
     pub median_depth_m: Option<f64>,
     /// Share of the target's valid-depth pixels visible in the source, 0..1.
     pub overlap: Option<f64>,
@@ -85,10 +85,10 @@ pub struct Record {
     /// The scored part of the target; `None` for all of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crop: Option<Crop>,
-    /// Share of the scored pixels that count, 0..1; `None` if no mask excludes any.
+    /// Share of the scored pixels that a mask includes, 0..1; `None` if no mask excludes any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub valid_share: Option<f64>,
-    /// Width and height of the prediction before it was resized, pixels; `None` if it was not.
+    /// Width and height of the prediction before resizing, pixels; `None` if it was not resized.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resized_from: Option<(u32, u32)>,
     /// The scale chosen among several.
@@ -105,10 +105,10 @@ pub struct Record {
     /// How the stored picture was probably altered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub change: Option<PictureChange>,
-    /// The target that the stored picture shows best, if it was compared with those of other pairs.
+    /// The target that the stored picture matches best, if it was compared with the targets of other pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shows: Option<ShownTarget>,
-    /// The camera that the stored picture shows, if it could be measured.
+    /// The camera from which the picture shows the scene, if measurable.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<ShownCamera>,
     /// Cells of a grid in which the stored picture differs from its target; `None` if they were not compared.
@@ -120,8 +120,8 @@ pub struct Record {
     pub rule_note: Option<String>,
 }
 
-/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if these
-/// hashes agree: per view, and for a method's Gaussians per source.
+/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if their hashes agree: for
+/// each view, and for a method's Gaussians for each source.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PairFiles {
     /// Hash of the source's camera, photograph, mask and depth.
@@ -154,7 +154,7 @@ pub struct Crop {
     pub share: f64,
 }
 
-/// The best of several scales of the scene, chosen by comparing with the target.
+/// The best of several scales of the scene, chosen by comparison with the target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ChosenScale {
     /// The chosen scale.
@@ -193,7 +193,8 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
                 ));
             }
         }
-        // A file of Gaussians may belong to one source or to all sources of a scene, so hashes are compared by file.
+        // A file of Gaussians may belong to one source or to all sources of a scene, so hashes are compared for each
+        // file.
         let Record {
             method, dataset, ..
         } = record;
@@ -211,7 +212,7 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
 }
 
 impl Record {
-    /// All numbers other than scores by column name: the method's extras, and the parts of [`Self::crop`],
+    /// All numbers other than scores, by column name: the method's extras, and the numbers in [`Self::crop`],
     /// [`Self::valid_share`], [`Self::resized_from`] and [`Self::scale`].
     pub fn reported(&self) -> BTreeMap<&str, f64> {
         let mut columns: BTreeMap<&str, f64> = self

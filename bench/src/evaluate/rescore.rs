@@ -1,4 +1,4 @@
-//! Rescores kept predictions with more metrics or on another region. Predicts and renders nothing.
+//! Scores kept predictions again with more metrics or on another region. Predicts and renders nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -26,7 +26,7 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::{OpenDataset, PairList};
 use crate::scoring::{Region, Scoring};
 
-/// Scores a folder's kept predictions with those metrics whose scores are missing.
+/// Scores a folder's kept predictions under those metrics whose scores are missing.
 ///
 /// # Errors
 /// If the folder or its datasets cannot be read, or earlier scores of LPIPS and DISTS were computed on another
@@ -80,12 +80,11 @@ pub fn rescore(
     Ok((counts, results))
 }
 
-/// Like [`rescore`], for a shard of a plan, concurrently with other processes. Needs the datasets
-/// but no method; writes units, but neither manifest nor tables.
+/// Like [`rescore`], for one shard of a plan, concurrently with other shards. Needs the datasets but no method. Writes
+/// units, but neither manifest nor tables.
 ///
 /// # Errors
-/// If the metrics, or the device or code that computes them, differ from the plan's; as
-/// [`rescore`].
+/// If the metrics, or the device or code that computes them, differ from the plan's; otherwise as [`rescore`].
 pub fn score_shard(
     root: &Path,
     scoring: &Scoring,
@@ -128,14 +127,14 @@ pub fn score_shard(
         memory: MemoryShares::of(memory_limit_bytes),
     };
     let mut counts = work.score(list, observer)?;
-    // Units without a prediction count as well.
+    // Units without a prediction count too.
     counts.units += of_shard - there;
     counts.waiting += of_shard - there;
     Ok(counts)
 }
 
-/// Advice if input files of kept pictures have changed: an old prediction must not be scored
-/// against a new photograph.
+/// Advice for kept pictures whose input files have changed: an old prediction must not be scored against a new
+/// photograph.
 const EVALUATE_AGAIN: &str = "`run` with the same options evaluates it again";
 
 /// The manifest with its metrics replaced by those of `scoring`.
@@ -245,7 +244,7 @@ impl Kept<'_> {
         }
         observer.progress(counts.units, "");
         observer.end();
-        // The remaining units, whose scenes or views are left out.
+        // The remaining units belong to scenes or views that were left out.
         let unread = units.into_values().flatten().count();
         counts.units += unread;
         counts.failed += unread;
@@ -279,9 +278,8 @@ fn kept_picture(folder: &RunFolder, unit: &Unit) -> Option<RgbImage> {
     read_rgb8(&path).ok()
 }
 
-/// Scores units on the region of each target that all methods of the folder predict; methods that
-/// failed on the pair are ignored. The results depend on the set of methods, so they are stored in
-/// a subfolder.
+/// Scores units on the region of each target that all methods of the folder predict, ignoring methods that failed on
+/// the pair. The results depend on the set of methods, so they are stored in a subfolder.
 pub(super) fn score_common_region(
     folder: &RunFolder,
     pairs: &[ResolvedPair],
@@ -315,7 +313,7 @@ pub(super) fn score_common_region(
             .iter()
             .filter(|unit| unit.record.status == Status::Ok)
             .filter_map(|unit| unit.record.crop.map(|crop| crop.region));
-        // Disjoint regions give an empty region, which no prediction can be cropped to.
+        // If regions are disjoint, the common region is empty, and no prediction can be cropped to it.
         let nothing = Region {
             width: 0,
             height: 0,
@@ -359,7 +357,7 @@ pub(super) fn score_common_region(
     Ok(())
 }
 
-/// For reports, stores the part of a picture that was scored.
+/// Stores the scored part of a picture, for reports.
 fn keep_cut(folder: &RunFolder, item: &mut Unscored) -> Result<(), EvaluateError> {
     let Slot {
         method, pair_id, ..
@@ -391,7 +389,7 @@ fn cut(folder: &RunFolder, unit: &Unit, common: Region, size: (u32, u32)) -> Cut
     let cropped = common
         .within(&shown)
         .ok_or_else(|| {
-            format!("the methods' common region is {common}; this prediction shows {shown}")
+            format!("the methods' common region is {common}; this prediction covers {shown}")
         })
         .and_then(|inside| {
             let picture = kept_picture(folder, &unit).ok_or("the prediction was not kept")?;

@@ -20,15 +20,13 @@ use crate::pairs::{Pair, PairList};
 /// The results of a run folder.
 #[derive(Debug, Clone)]
 pub struct Results {
-    /// Facts about the run.
     pub manifest: Manifest,
-    /// One per unit, by pair id, then in the order of the methods.
+    /// One record per unit, by pair id, then in the order of the methods.
     pub records: Vec<Record>,
     /// Pair id and method of planned units without a result.
     pub missing: BTreeSet<(String, String)>,
-    /// Folders of kept pictures.
     pub pictures: Vec<PictureFolder>,
-    /// Damaged files. Their units count as missing.
+    /// Damaged files, whose units count as missing.
     pub damaged: Vec<PathBuf>,
     /// Whether the user listed the methods to show; see [`Shown`](super::Shown).
     pub methods_listed: bool,
@@ -37,7 +35,6 @@ pub struct Results {
 /// A folder of kept pictures.
 #[derive(Debug, Clone)]
 pub struct PictureFolder {
-    /// The run folder.
     pub folder: RunFolder,
     /// Maps labels in the results to labels in this folder.
     pub labels: BTreeMap<String, String>,
@@ -47,7 +44,6 @@ pub struct PictureFolder {
     pub float_sha256: BTreeMap<(String, String), String>,
 }
 
-/// A kept picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeptPicture {
     pub path: PathBuf,
@@ -64,7 +60,7 @@ pub(super) struct Current {
 }
 
 impl Current {
-    /// The units of a folder that count; see `Manifest::counted_slots`.
+    /// The units of a folder that count as results; see `Manifest::counted_slots`.
     pub(super) fn read(folder: &RunFolder) -> Result<Self, EvaluateError> {
         let Some(manifest) = folder.manifest()? else {
             let path = folder.root().join("manifest.json");
@@ -100,8 +96,8 @@ impl Current {
         })
     }
 
-    /// Checks that pair list and plan have lost no rows since the manifest was written, and that
-    /// the list agrees with the units.
+    /// Checks that pair list and plan have lost no rows since the manifest was written, and that the list agrees with
+    /// the units.
     fn check_list(&self, folder: &RunFolder, list: &PairList) -> Result<(), EvaluateError> {
         let said = &self.manifest.pairs;
         check_rows(folder, said, &folder.plan()?, list)?;
@@ -133,7 +129,7 @@ impl Current {
         let metrics = self.manifest.metric_identities();
         let pairs: BTreeMap<&str, &Pair> = pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
         let done = || self.units.iter().filter(|unit| unit.is_done());
-        // Each name becomes a column, and a program may have used different names in each answer.
+        // Each name becomes a column, and an external program may report different names for each pair.
         let mut names: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
         for Unit { slot, record, .. } in done() {
             let of_method = names.entry(&slot.method).or_default();
@@ -201,7 +197,7 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     }
 }
 
-/// The folder with the units that tables show.
+/// The folder of the units in tables: that of the common region, if there is one.
 pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
     match manifest.common_region {
         true => folder.common_region(),
@@ -295,14 +291,12 @@ impl Results {
         failed.count()
     }
 
-    /// The kept picture of a record. If several folders have one, prefers the one with the scored
-    /// bytes.
+    /// The kept picture of a record. If several folders have one, prefers the picture whose bytes were scored.
     pub fn kept_picture(&self, record: &Record) -> Option<KeptPicture> {
         self.kept(record, "png", |pictures| &pictures.sha256)
     }
 
-    /// The rendering of a record that was kept as floats (linear RGB and alpha); chosen like
-    /// [`Self::kept_picture`].
+    /// The floating-point rendering kept for a record (linear RGB and alpha), chosen like [`Self::kept_picture`].
     pub fn kept_rendering(&self, record: &Record) -> Option<KeptPicture> {
         self.kept(record, "exr", |pictures| &pictures.float_sha256)
     }
@@ -316,7 +310,7 @@ impl Results {
         let kept = self.pictures.iter().filter_map(|pictures| {
             let label = pictures.labels.get(&record.method)?;
             let unit = (record.pair_id.clone(), label.clone());
-            // Paths are made only from known ids, so a picture without a unit is not part of the run.
+            // Paths are built only from known ids, so a picture without a unit is not part of the run.
             let sha256 = hashes(pictures).get(&unit)?;
             let path = pictures.folder.prediction_path(label, &unit.0, extension);
             path.is_file().then(|| KeptPicture {

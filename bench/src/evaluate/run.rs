@@ -36,8 +36,8 @@ pub struct Finished {
 }
 
 impl Evaluation {
-    /// Evaluates into a folder, which may have results of other methods, pairs, metrics and
-    /// datasets. These remain visible, and finished units are reused.
+    /// Evaluates into a folder, which may contain results of other methods, pairs, metrics and datasets. These remain
+    /// visible, and finished units are reused.
     ///
     /// # Errors
     /// If the folder cannot be used, or the renderer's device fails. Finished units are kept.
@@ -51,7 +51,7 @@ impl Evaluation {
         if self.common_region && (options.keep == Keep::None || options.stages != Stages::All) {
             return Err(refused(
                 out,
-                "--common-region scores kept predictions once more: use --keep all and all stages",
+                "--common-region scores kept predictions again, so it needs --keep all and all stages",
             ));
         }
         let pairs = self.pairs()?;
@@ -123,8 +123,8 @@ impl Evaluation {
         Ok(estimate)
     }
 
-    /// Makes the plan that every shard of this evaluation makes, without its cost, if the folder has none. Shards may
-    /// do so at the same time.
+    /// Writes the plan without its cost, if the folder has none. All shards of an evaluation make the same plan, and
+    /// may do so at the same time.
     ///
     /// # Errors
     /// If the folder has another plan, or the evaluation needs all units at once.
@@ -156,11 +156,11 @@ impl Evaluation {
         }
     }
 
-    /// Executes a shard of a folder's plan, concurrently with other processes. Writes units, but neither manifest nor
+    /// Executes a shard of a folder's plan, concurrently with other shards. Writes units, but neither manifest nor
     /// tables.
     ///
     /// # Errors
-    /// If the evaluation, its input files, or the machine and code that compute it differ from the plan; as
+    /// If the evaluation, its input files, or the machine and code that compute it differ from the plan; otherwise as
     /// [`Self::run`].
     pub fn run_shard(
         &self,
@@ -208,7 +208,7 @@ impl Evaluation {
             ));
         }
         self.check_files(root, &pairs)?;
-        // Stale; `merge` rewrites them once all shards finish.
+        // The tables are stale; `merge` rewrites them once all shards have finished.
         folder.remove_tables()?;
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         let missing = (own.len() - pairs.len()) * self.methods.len();
@@ -222,7 +222,7 @@ impl Evaluation {
         Ok(counts)
     }
 
-    /// Checks that photographs and cameras are those of the plan.
+    /// Checks that photographs and cameras are the same as in the plan.
     fn check_files(&self, root: &Path, pairs: &[ResolvedPair<'_>]) -> Result<(), EvaluateError> {
         let pairs = pairs.iter().map(|planned| planned.pair.clone()).collect();
         let found = PairList::new(root.join("pairs.csv"), pairs).verify(&self.scenes);
@@ -298,8 +298,7 @@ impl Evaluation {
         folder.write_plan(plan)?;
         if let Some(config) = &self.config {
             let mut config = config.clone();
-            // Refer to the folder's own copy of the list, unless the copy also has pairs of other
-            // runs.
+            // Refer to the folder's copy of the list, unless the copy also contains pairs of other runs.
             if config.pairs.pairs.is_some() && list.sha256 == self.list.sha256 {
                 config.pairs.pairs = Some(folder.pairs_path());
             }

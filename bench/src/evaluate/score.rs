@@ -115,8 +115,8 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
-/// Shares of the memory limit, bytes. The rest is for the metrics' networks, the target, and the
-/// picture that is being rendered.
+/// Shares of the memory limit, bytes. The rest is for the metrics' networks, the target, and the picture being
+/// rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryShares {
     /// For Gaussians of a source.
@@ -137,8 +137,8 @@ impl MemoryShares {
         }
     }
 
-    /// How many predictions of a target to pass to [`score_pair`] at once, at least 1. Equally many
-    /// are prepared at the same time.
+    /// How many predictions of a target to pass to [`score_pair`] at once, at least 1. The same number is prepared
+    /// meanwhile.
     pub(super) fn pictures_of(self, target: &View) -> usize {
         let picture = 3 * u64::from(target.intrinsics.width) * u64::from(target.intrinsics.height);
         (self.pictures / (2 * picture).max(1)).max(1) as usize
@@ -154,8 +154,8 @@ impl MemoryShares {
     }
 }
 
-/// Computes and saves the missing scores of a pair's units. Units that need the same metrics share
-/// each network's pass over the target, if memory allows.
+/// Computes and saves the missing scores of a pair's units. Units that need the same metrics share each network's pass
+/// over the target, if memory allows.
 pub(super) fn score_pair(
     truth: &PairTruth,
     unscored: Vec<Unscored>,
@@ -257,7 +257,7 @@ fn stored(
     })
 }
 
-/// A record for a pair without a result; `cluster` is the cluster of the pair's scene.
+/// A record of a pair without a result; `cluster` is the cluster of the pair's scene.
 pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
     Record {
         pair_id: pair.pair_id.clone(),

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use crate::pairs::pair_id::source_of;
 
-/// One of `count` shares of a plan. Shares do not overlap, and together they are the whole plan.
+/// One of `count` shares of a plan. Shares do not overlap, and together they cover the whole plan.
 ///
 /// Units are independent, so a plan can be continued with another number of shares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,8 +33,8 @@ impl Shard {
         }
     }
 
-    /// This share of a list sorted by pair id. The pairs of a source form a group, because they share one prediction.
-    /// Groups are assigned to the smallest share, largest groups first.
+    /// This share of a list sorted by pair id. The pairs of a source stay together, because they share one prediction.
+    /// The largest groups are assigned first, each to the share with the fewest pairs so far.
     pub(super) fn of<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<T> {
         self.deal(list, pair_id).swap_remove(self.index - 1)
     }
@@ -145,7 +145,7 @@ fn of_array(
         return match count {
             Some(count) => Shard::new(index, count),
             None if size.is_some() && size == last => Shard::new(index, size.unwrap_or(index)),
-            // If tasks 2,5 of 8 are submitted, the environment does not state the total of 8.
+            // If only tasks 2 and 5 of 8 are submitted, the environment lacks the total.
             None => Err(ShardError::Count(
                 "the indices of this Slurm array are not 1 to N without gaps, so the number of \
                  shards is unknown: use --shard auto/N",
@@ -252,7 +252,7 @@ mod tests {
             let loads: Vec<usize> = shares.iter().map(Vec::len).collect();
             let total: usize = loads.iter().sum();
             prop_assert_eq!(total, sizes.iter().sum::<usize>());
-            // Assigned by size, no share exceeds its fair part by more than one group.
+            // No share exceeds the average by more than one group.
             let largest = sizes.iter().max().copied().unwrap_or(0);
             let most = loads.iter().max().copied().unwrap_or(0);
             prop_assert!(most <= total / count + largest);

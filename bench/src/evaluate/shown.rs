@@ -10,7 +10,7 @@ use super::manifest::DatasetRecord;
 use super::results::Results;
 use crate::pairs::pair_id::PairName;
 
-/// Which results are shown, in which order, and under which names. An empty list shows all.
+/// Which results are shown, in which order, and under which names. An empty list selects all.
 #[derive(Debug, Clone, Default, PartialEq, Eq, clap::Args)]
 pub struct Shown {
     /// Methods to show, comma-separated, in this order [default: all; plots leave out target and mean]
@@ -30,12 +30,12 @@ pub struct Shown {
 fn renaming(text: &str) -> Result<(String, String), &'static str> {
     let (old, new) = text.split_once('=').ok_or("expected OLD=NEW")?;
     match old.is_empty() || new.is_empty() || new.contains(char::is_control) {
-        true => Err("expected OLD=NEW, with a name of one line on both sides"),
+        true => Err("expected OLD=NEW, with a one-line name on both sides"),
         false => Ok((old.to_owned(), new.to_owned())),
     }
 }
 
-/// A name on the command line that no result has, or that two methods would share.
+/// A name on the command line that matches no result, or that two methods would share.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error("--{option}: {reason}")]
 pub struct ShownError {
@@ -44,7 +44,7 @@ pub struct ShownError {
 }
 
 impl Shown {
-    /// The chosen results; those of a comparison are chosen together, so that each name may exist in only one of them.
+    /// The selected results. Results to be compared are passed together, because a name need only exist in one of them.
     ///
     /// # Errors
     /// If a name is in none of the results, or two methods of one of them would have the same name.
@@ -107,7 +107,7 @@ impl Shown {
         renamed.map_or(label, |(_, new)| new)
     }
 
-    /// The chosen results; names that do not exist choose nothing.
+    /// The selected results; names that do not exist are ignored.
     pub(crate) fn chosen(&self, mut results: Results) -> Results {
         if !self.renamed.is_empty() {
             results.relabel(|label| self.name(label).to_owned());
@@ -154,7 +154,7 @@ impl Shown {
     }
 }
 
-/// The dataset's name for a name in another case, or for its title in the tables; unknown names stay.
+/// The exact name of a dataset given in another case or by its title in the tables; unknown names are unchanged.
 fn dataset_name(given: &str, all: &[Results]) -> String {
     let datasets = || all.iter().flat_map(|results| &results.manifest.datasets);
     let is_titled = |dataset: &&DatasetRecord| {
@@ -216,7 +216,7 @@ mod tests {
         assert_eq!(found.manifest.datasets.len(), 1);
         assert_eq!(found.manifest.metrics[0].info.key, MetricKey::DISTS);
         assert!(found.methods_listed);
-        // The old name chooses, too.
+        // The old name also selects the method.
         let old = Shown {
             methods: listed(&["a"]),
             ..shown

@@ -36,8 +36,8 @@ pub struct Speed {
     /// Widths and heights of the targets, pixels.
     pub sizes: BTreeSet<(u32, u32)>,
     pub pairs: usize,
-    /// Seconds per round from the source picture in memory to Gaussians in memory, or for methods
-    /// that make pictures, to the picture. Empty for methods that read external files.
+    /// Seconds per round from the source picture in memory to the Gaussians in memory, or to the picture for methods
+    /// that make pictures. Empty for methods that read external files.
     pub inference_secs: Vec<f64>,
     /// Seconds from Gaussians in memory until the renderer is ready (the upload on a GPU).
     pub load_secs: Vec<f64>,
@@ -47,7 +47,7 @@ pub struct Speed {
     /// Seconds of drawing on a GPU without copying the picture to the host, as papers usually measure it; empty on the
     /// CPU.
     pub device_secs: Vec<f64>,
-    /// Numbers that explain the rendering times, per pair.
+    /// For each pair, numbers that explain its rendering time.
     pub splats: Vec<Splats>,
     /// Peak resident size of the process during measurement, bytes; `None` if the system does not report it.
     pub peak_bytes: Option<u64>,
@@ -55,28 +55,27 @@ pub struct Speed {
     pub failures: Vec<String>,
 }
 
-/// The Gaussians of a prediction as seen by a target.
+/// Counts of a prediction's Gaussians in a target's view.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Splats {
     pub count: u64,
     /// Number of Gaussians that reach the picture.
     pub visible: u64,
-    /// The number of 16 × 16 pixel tiles that each visible Gaussian touches, summed over Gaussians.
-    /// It determines the time of sorting and blending.
+    /// Number of 16 × 16 pixel tiles that a visible Gaussian touches, summed over Gaussians. It determines the time of
+    /// sorting and blending.
     pub tiles: u64,
-    /// Number of tiles of the picture.
     pub picture_tiles: u64,
 }
 
-/// One measured round of a method on a pair.
+/// One measured round on a pair.
 enum Round {
     Picture,
     Gaussians(Box<GaussianPrediction>),
 }
 
 impl Evaluation {
-    /// Measures every method on the pairs of each dataset. `target` and the scale sweep are
-    /// skipped, because they have no cost of their own.
+    /// Measures every method on the pairs of each dataset. Skips `target` and the scale sweep, which have no cost of
+    /// their own.
     ///
     /// # Errors
     /// If the renderer's device fails. Other failures of a pair are counted, and the measurement

@@ -19,9 +19,9 @@ use crate::pairs::PairList;
 pub struct RunProgress {
     /// Progress of all methods together.
     pub all: RunStatus,
-    /// By method, in the order of the plan.
+    /// Progress of each method, in the order of the plan.
     pub methods: Vec<(String, RunStatus)>,
-    /// Number of units finished in the last minutes of work, and the seconds that they took.
+    /// Number of units finished recently, and the seconds that they took.
     pub pace: Option<(usize, f64)>,
     /// The cost estimated by the plan.
     pub estimate: Option<Estimate>,
@@ -132,12 +132,12 @@ fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
     Ok((plan, current))
 }
 
-/// Number of units finished within [`WINDOW`] before the last one, and the seconds that they took;
-/// `None` if the last one finished longer ago than that.
+/// Number of units finished within [`WINDOW`] before the last one, and the seconds that they took; `None` if the last
+/// one finished longer ago than [`WINDOW`].
 fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
     times.sort();
     let last = *times.last()?;
-    // Tolerate a clock that was set back.
+    // Tolerate a clock that has been set back.
     let since = last.elapsed().unwrap_or_default();
     let first = *times
         .iter()
@@ -157,7 +157,7 @@ mod tests {
         let ago = |secs: u64| now - Duration::from_secs(secs);
         assert_eq!(pace(vec![]), None);
         assert_eq!(pace(vec![ago(5)]), None);
-        // Units before the window are ignored; the first unit in the window only starts the clock.
+        // Units before the window are ignored; the first unit in the window only marks the start time.
         let times = vec![ago(9000), ago(8999), ago(100), ago(50), ago(0)];
         assert_eq!(pace(times), Some((2, 100.0)));
         assert_eq!(pace(vec![ago(9000), ago(8000)]), None);

@@ -28,7 +28,7 @@ pub(crate) fn manifest(metrics: &str) -> Manifest {
     prepare(request, &Quiet).unwrap().manifest().unwrap()
 }
 
-/// Pair `number` of a scene that is a cluster by itself, for method `m`, without scores.
+/// Pair `number` of a scene that forms its own cluster, for method `m`, without scores.
 pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
     Record {
         pair_id: format!("{dataset}/{scene}/s__{number}"),

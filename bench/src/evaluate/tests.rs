@@ -1,5 +1,4 @@
-//! Whole evaluations of the procedural scene: which change causes which stages to be redone, and
-//! what a folder shows.
+//! Whole evaluations of the procedural scene: which stages each change causes to be redone, and what a folder shows.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -87,7 +86,7 @@ struct Network {
     depth: TrueDepth,
     splat: Box<dyn Method>,
     asked: Arc<AtomicUsize>,
-    /// A clock in milliseconds. Each inference advances it by more than the one before.
+    /// A clock in milliseconds. Each inference advances it by more than the previous one did.
     clock: Option<&'static AtomicU64>,
 }
 
@@ -132,7 +131,7 @@ impl PredictGaussians for Network {
         if let Some(clock) = self.clock {
             clock.fetch_add(1000 * (before + 1), Ordering::SeqCst);
         }
-        // Predicts a plane, because it never sees the true depth, whatever its privilege.
+        // Predicts a plane, because it never gets the true depth, whatever its privilege.
         assert!(source.depth().is_none());
         let (width, height) = source.image().dimensions();
         let plane = sharp_datasets::DepthMap::from_pixel(width, height, image::Luma([2.0]));
@@ -177,7 +176,7 @@ fn a_shared_inference_is_charged_whole_to_every_method_in_any_order() {
     let scaled = ("scaled", TrueDepth::DepthScale);
     let (sources, one, other) = seconds("a", [plain, scaled]);
     assert_eq!(one, other);
-    // Every inference took a different time; each pair has the time of its source's inference.
+    // Every inference took a different time, and each pair records the time of its source's inference.
     let different: BTreeSet<u64> = one.values().map(|(secs, _)| *secs as u64).collect();
     assert_eq!(different, (1..=sources as u64).collect());
     assert_eq!(seconds("b", [scaled, plain]), (sources, one, other));
@@ -329,8 +328,7 @@ fn another_renderer_runs_no_network() {
     let out = dir.path().join("r");
     let first = run_with(&out, request(network(), "psnr", 3), options);
     let before = asked.load(Ordering::SeqCst);
-    // Picture keys include the renderer. But a folder has only one, so the difference is in its
-    // manifest alone.
+    // Picture keys include the renderer. But a folder has only one renderer, so only the manifest differs.
     let mut evaluation = prepare(request(network(), "psnr", 3), &Quiet).unwrap();
     evaluation.renderer = mortal(usize::MAX);
     let mut manifest = first.results.manifest;
@@ -445,7 +443,7 @@ fn a_changed_identity_replaces_its_label_and_nothing_is_lost() {
         let kept = image::open(kept.unwrap().path).unwrap().into_rgb8();
         assert_eq!(kept.get_pixel(0, 0).0, [level; 3]);
     }
-    // Without kept pictures, a return to the earlier settings finds the earlier result.
+    // Without kept pictures, returning to the earlier settings finds the earlier result.
     let options = RunOptions {
         keep: Keep::None,
         ..RunOptions::default()
@@ -553,7 +551,7 @@ fn a_file_that_changes_during_the_run_fails_its_unit_and_is_read_anew_afterwards
         reason.contains("im0.png changed during the run"),
         "{reason}"
     );
-    // The new source is the target itself.
+    // The changed source is the target itself.
     let second = evaluate().results.records;
     assert_eq!(second[0].scores["psnr"].value(), Some(f64::INFINITY));
 }
@@ -585,7 +583,7 @@ fn the_common_region_is_that_of_all_pairs_and_can_be_scored_again() {
     );
 }
 
-/// Renders on the CPU until its device is lost.
+/// Renders on the CPU until its simulated device is lost.
 struct Mortal {
     cpu: CpuRenderer,
     pictures_left: usize,
@@ -629,7 +627,7 @@ fn a_lost_device_leaves_the_unit_undone_and_the_run_continues_from_there() {
         evaluation.run(&dir.path().join(name), RunOptions::default(), &Quiet)
     };
     on(mortal(usize::MAX), "whole").unwrap();
-    // The source's own rendering, and two of its targets.
+    // Three renderings succeed: the source's own and two targets.
     let error = on(mortal(3), "cut").err().unwrap();
     let EvaluateError::Device { pair_id, .. } = &error else {
         panic!("{error}");
@@ -663,7 +661,7 @@ struct Watch<'a> {
 
 impl Observer for Watch<'_> {
     fn progress(&self, _done: usize, _current: &str) {
-        // The other thread goes as far as it may. Give it time to go farther, which it must not do.
+        // Wait until prediction is as far ahead as it may be, and then a little longer, to detect if it goes further.
         let mut seen = self.seen.lock().unwrap();
         let expected = (seen.len() + 2).min(6);
         let patience = Instant::now() + Duration::from_secs(20);
@@ -751,8 +749,7 @@ fn a_bundle_is_the_results_without_pictures() {
     assert_eq!(packed.manifest, finished.results.manifest);
     assert_eq!(packed.missing, finished.results.missing);
 
-    // Damaged anywhere, truncated anywhere, or not a bundle at all: always an error, never wrong
-    // numbers.
+    // A bundle damaged or truncated anywhere, or no bundle at all, always gives an error, never wrong numbers.
     for at in (0..bytes.len()).step_by(bytes.len() / 200) {
         let mut other = bytes.clone();
         other[at] ^= 0x10;
@@ -766,7 +763,7 @@ fn a_bundle_is_the_results_without_pictures() {
     let error = Results::read(&path("r/scores.csv")).unwrap_err();
     assert!(error.to_string().contains("not a bundle"), "{error}");
 
-    // Times are covered by the digest, and those of the folder.
+    // The digest covers the times, which are those of the folder.
     write_bundle(&path("r"), &path("times.zip"), true).unwrap();
     let timings = Bundle::read(&path("times.zip")).unwrap().timings;
     assert_eq!(

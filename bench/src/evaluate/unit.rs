@@ -25,17 +25,17 @@ pub struct Unit {
     pub slot: Slot,
     /// Hash of everything that prediction and rendering depend on.
     pub picture_key: String,
-    /// The pair, the outcome, and reported values; its scores are in [`Self::scores`].
+    /// The pair, the outcome and reported values, without scores; see [`Self::scores`].
     pub record: Record,
     /// The scored picture; `None` for a failure.
     pub picture: Option<ScoredPicture>,
     /// Scores by metric key.
     pub scores: BTreeMap<String, StoredScore>,
-    /// Times; stored with the scores, but never part of them.
+    /// Times; stored next to the scores, but not part of the result.
     pub timing: Timing,
 }
 
-/// Identity of a unit: equal slots are the same unit, whatever its result.
+/// Identity of a unit: equal slots denote the same unit, whatever its result.
 #[derive(
     Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema,
 )]
@@ -87,9 +87,9 @@ pub struct StoredScore {
 /// Times of a unit, and the machine it ran on.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Timing {
-    /// Wall time of inference without reading files, measured while an earlier pair was being
-    /// scored. For methods that predict Gaussians, the time of the whole inference of the source,
-    /// recorded for every target and method that uses it; for other methods, the time of the pair.
+    /// Wall time of inference without reading files, measured while an earlier pair was being scored. For methods that
+    /// predict Gaussians, the time of inference on the source, repeated for every target and method that uses it; for
+    /// other methods, the time for the pair.
     pub predict_secs: f64,
     /// Wall time of placing and rendering the Gaussians; 0 for methods that make pictures.
     #[serde(default)]
@@ -104,7 +104,7 @@ pub struct Timing {
     /// Processor and number of threads of the prediction, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine: Option<String>,
-    /// Peak memory of the process at the end of the prediction, bytes; excludes programs that it started.
+    /// Peak memory of the process up to the end of the prediction, bytes; excludes programs that it started.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_bytes: Option<u64>,
 }
@@ -146,8 +146,7 @@ impl Unit {
             && check_label(method).is_ok()
     }
 
-    /// Resets the unit to its state before scoring, so that scoring is retried if it failed; `None`
-    /// if there is no picture.
+    /// The unit with a failed score reset, so that scoring is retried; `None` if there is no picture.
     pub(super) fn scorable(mut self) -> Option<Self> {
         self.picture.as_ref()?;
         self.record.status = Status::Ok;
@@ -181,7 +180,7 @@ impl Unit {
         record
     }
 
-    /// The unit's progress; `lacks_scores` says whether scores of requested metrics are missing.
+    /// The unit's progress; `lacks_scores` means that scores of requested metrics are missing.
     pub(super) fn progress(&self, lacks_scores: bool) -> UnitProgress {
         match (&self.record.status, lacks_scores) {
             (Status::Failed { .. }, _) => UnitProgress::Failed,

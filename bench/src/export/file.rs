@@ -1,4 +1,4 @@
-//! Files that are written once. Their hashes are in a description file, which is written last.
+//! Files that are written once. A description file, written last, lists their hashes.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,7 +10,7 @@ use crate::io::hash::{file_sha256, sha256_hex};
 
 pub(super) type Hashes = BTreeMap<String, String>;
 
-/// The common head of all descriptions; it is read back to check whether their files are complete.
+/// The fields common to all descriptions; read back to check whether the files are complete.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Stamp {
     /// Hash of everything the files depend on.
@@ -19,7 +19,7 @@ pub(super) struct Stamp {
 }
 
 impl Stamp {
-    /// Whether `folder` has a description with this key, and the files that it lists are intact.
+    /// Whether `folder` has a description with this key, and all files that it lists are intact.
     pub(super) fn is_done(folder: &Path, description: &str, key: &str) -> bool {
         let Ok(bytes) = std::fs::read(folder.join(description)) else {
             return false;

@@ -2,7 +2,7 @@
 //! `target.png` and depth.
 //!
 //! `pair.json` is written last and contains the names and SHA-256 of the pair's files, and a hash of everything that
-//! determines them. An interrupted export therefore continues, and pairs whose dataset changed are exported again.
+//! determines them, so that a later export completes missing pairs and replaces those whose dataset changed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -32,8 +32,7 @@ pub struct ExportOptions {
     pub target: bool,
     /// Write `source_depth.npy` and `target_depth.npy`, float32 metres; skipped for views without depth.
     pub depth: bool,
-    /// Reader settings by dataset, which determine the meaning of depth. If they change, the pairs
-    /// are exported again.
+    /// Reader settings by dataset; they determine the meaning of depth. If they change, the pairs are exported again.
     pub readings: BTreeMap<String, String>,
     /// Scales for which cameras are written, each with the folder name of its predictions.
     pub scales: Vec<(String, f64)>,

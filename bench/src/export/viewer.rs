@@ -34,7 +34,7 @@ const SCREEN: (&str, &str) = (
     "screen",
     include_str!("../../templates/gaussians/screen.wgsl"),
 );
-/// Maximum number of pictures of a path.
+/// Maximum number of pictures along a camera path.
 const PICTURES: usize = 12;
 /// Marks a page as written by this program.
 const MARK: &str = "<meta name=\"generator\" content=\"sharp-bench viewer\">";
@@ -73,7 +73,7 @@ impl ViewerPage<'_> {
 }
 
 impl Viewer<'_> {
-    /// Indices of the views that [`Self::write`] shows as pictures: evenly spread, including the first and the last.
+    /// Indices of the views for which [`Self::write`] embeds pictures: evenly spread, including the first and the last.
     pub fn pictured(&self) -> Vec<usize> {
         let last = self.views.len().saturating_sub(1);
         let mut chosen: Vec<usize> = (0..PICTURES).map(|i| i * last / (PICTURES - 1)).collect();

@@ -35,8 +35,8 @@ impl FileError {
     }
 }
 
-/// Writes a file atomically, creating its folder: a reader, or a restart after a kill, sees the old content or the new
-/// content, never part of it.
+/// Writes a file atomically, creating its folder. A reader, or a restart after a kill, sees either the old or the new
+/// content.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     let mut file = PartialFile::create(path)?;
     file.write_all(bytes)
@@ -112,8 +112,8 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), File
     write_atomic(path, &bytes)
 }
 
-/// A file under construction, written piece by piece. It gets its name at [`Self::commit`]; if
-/// dropped before, it is removed.
+/// A file under construction, written piece by piece. It gets its final name at [`Self::commit`]; if dropped earlier,
+/// it is removed.
 #[derive(Debug)]
 pub struct PartialFile {
     path: PathBuf,
@@ -167,8 +167,8 @@ impl PartialFile {
         commit().map_err(FileError::new(&path, "write"))
     }
 
-    /// Like [`Self::commit`], but keeps an existing file of that name, even if another process has
-    /// just created it, and returns false.
+    /// Like [`Self::commit`], but keeps an existing file of that name, even one just created by another process, and
+    /// returns false.
     pub fn commit_new(self) -> Result<bool, FileError> {
         let Self { path, file } = self;
         let commit = || -> io::Result<bool> {
@@ -193,8 +193,8 @@ impl Write for PartialFile {
     }
 }
 
-/// Removes partial files that are not locked: their processes have ended. Runs once per folder and
-/// process; does nothing on file systems without locks.
+/// Removes partial files that are not locked, because their processes have ended. Runs once per folder and process;
+/// does nothing on file systems without locks.
 fn remove_abandoned(folder: &Path) {
     static SEEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     let is_new = |seen: &mut BTreeSet<PathBuf>| match fs::canonicalize(folder) {
@@ -270,7 +270,7 @@ pub fn remove_leftovers(folder: &Path, below: &[&str], age: Duration) {
     }
 }
 
-/// On systems where folders can be synced, makes a rename survive a power loss.
+/// Makes a rename survive a power loss, on systems where folders can be synced.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
         File::open(folder)?.sync_all()

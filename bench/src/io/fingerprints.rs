@@ -43,7 +43,7 @@ groups! {
 /// Fingerprint of all groups together, which identifies the build.
 pub const BUILD: &str = env!("SHARP_BENCH_BUILD");
 
-/// Crates that decode pictures, with versions; decoders may differ, for example by one level in a JPEG.
+/// Crates that decode pictures, with versions, which may differ in results, for example by one level in a JPEG.
 pub const DECODERS: &str = env!("SHARP_BENCH_DECODERS");
 
 pub fn of_metric(family: Family) -> &'static str {
@@ -200,7 +200,7 @@ version = \"0.3.7\"
         let changed =
             groups.filter(|g| code("1.0.0").fingerprint(g) != code("1.0.1").fingerprint(g));
         let changed: BTreeSet<_> = changed.map(|group| group.name).collect();
-        // Metrics depend on the crate's frustum mask.
+        // The metrics group depends on the crate's frustum mask.
         assert!(
             ["RENDER_CPU", "NETWORK", "SSIM"]
                 .iter()
@@ -225,7 +225,7 @@ version = \"0.3.7\"
         "sharp/src",
     ];
 
-    /// Files in those folders that affect no result: they plan, store, name, describe or measure time.
+    /// Files in those folders that affect no result: they plan, store, name or describe results, or measure time.
     const UNDECIDING: [&str; 55] = [
         "bench/src/evaluate/aggregation.rs",
         "bench/src/evaluate/bundle.rs",

@@ -70,9 +70,8 @@ pub enum GaussianFileError {
     Harmonics { path: PathBuf, shape: Vec<usize> },
     /// The rendering rule is stated neither in the file nor by the user.
     #[error(
-        "{}: it does not say which renderer it was made for: set the rule with rendering=NAME \
-         (--rendering NAME), probably {likely} ({why}); for a file from SHARP, set color_space= \
-         instead", path.display()
+        "{}: it does not state which renderer it was made for: set the rule with rendering=NAME (--rendering NAME), \
+         probably {likely} ({why}); for a file from SHARP, set color_space= instead", path.display()
     )]
     RuleUnknown {
         path: PathBuf,
@@ -137,7 +136,7 @@ pub fn read(
     })
 }
 
-/// A doubt if the rule draws fewer harmonics than the file has.
+/// A suspicion if the rule draws fewer harmonics than the file has.
 fn undrawn(gaussians: &Gaussians, rule: &Rule) -> Option<Suspicion> {
     let degree = gaussians.harmonics.degree;
     (degree > rule.degree).then(|| {
@@ -150,7 +149,7 @@ fn undrawn(gaussians: &Gaussians, rule: &Rule) -> Option<Suspicion> {
     })
 }
 
-/// Reads a scene for the rule that the file states, or for SHARP's. Returns the rule and why it was chosen.
+/// Reads a scene for the rule that the file states, or else for SHARP's rule. Returns the rule and why it was chosen.
 fn read_as_marked(
     path: &Path,
     reading: StoredForm,
@@ -287,7 +286,7 @@ pub fn is_sog_folder(path: &Path) -> bool {
     path.join("meta.json").is_file()
 }
 
-/// An f32 array of a safetensors file; little-endian, whatever the machine.
+/// An f32 array of a safetensors file; stored little-endian on every machine.
 pub(crate) struct Array {
     pub(crate) name: &'static str,
     pub(crate) shape: Vec<usize>,

@@ -27,7 +27,7 @@ pub struct HashedFile {
     stamp: Mutex<Option<FileStamp>>,
 }
 
-/// Metadata that changes when a file's content does.
+/// Metadata that change when a file's content does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FileStamp {
     len: u64,
@@ -61,7 +61,7 @@ impl HashedFile {
         Ok(Self::new(path, file_sha256(path)?, stamp))
     }
 
-    /// A file hashed elsewhere, with its stamp from before hashing.
+    /// A file hashed elsewhere; its stamp must be from before hashing.
     pub fn new(path: &Path, sha256: String, stamp: FileStamp) -> Self {
         Self {
             path: path.to_owned(),
@@ -92,8 +92,8 @@ impl HashedFile {
     }
 }
 
-/// Hashes named facts. The order matters; names and values are length-prefixed, so that no two different lists give the
-/// same bytes.
+/// Hashes named values, in order. Names and values are length-prefixed, so that different lists never give the same
+/// bytes.
 #[derive(Debug, Clone, Default)]
 pub struct StableHasher(Sha256);
 
@@ -106,7 +106,7 @@ impl StableHasher {
         self
     }
 
-    /// SHA-256 of all facts, 64 hexadecimal digits.
+    /// SHA-256 of all values, 64 hexadecimal digits.
     pub fn finish(&self) -> String {
         hex(self.0.clone().finalize())
     }
@@ -129,13 +129,13 @@ mod tests {
         std::fs::write(&path, "one").unwrap();
         let file = HashedFile::read(&path).unwrap();
         assert!(file.is_unchanged());
-        // Another file with the same bytes.
+        // Another file with the same bytes is not a change.
         std::fs::write(folder.path().join("new"), "one").unwrap();
         std::fs::rename(folder.path().join("new"), &path).unwrap();
         assert!(file.is_unchanged());
         std::fs::write(&path, "two!").unwrap();
         assert!(!file.is_unchanged());
-        // Whoever read the file in between may have used other content.
+        // A change is final: a reader in between may have used other content.
         std::fs::write(&path, "one").unwrap();
         assert!(!file.is_unchanged());
     }

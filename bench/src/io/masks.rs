@@ -55,7 +55,7 @@ pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
                      others"
                 )));
             }
-            // Levels of 128 and more, or floats of 0.5 and more.
+            // Levels of 128 and more, or floats of 0.5 and more, count.
             inside.push(r >= 0.5);
             between += usize::from(r > 0.0 && r < 1.0);
             highest = highest.max(r);

@@ -11,7 +11,7 @@ pub trait Observer: Sync {
     /// Reports that `done` steps of the phase are done; `current` names the step in progress.
     fn progress(&self, _done: usize, _current: &str) {}
 
-    /// Reports a state worth keeping in a log, every now and then.
+    /// Reports a state that is worth logging; called occasionally.
     fn milestone(&self, _text: &str) {}
 
     /// Reports that one more step of the phase is done.

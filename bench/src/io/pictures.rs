@@ -123,8 +123,8 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
     })
 }
 
-/// Width and height from the header of a compressed picture; `None` for arrays, which need no more
-/// memory than their files. A picture with an EXIF orientation must be read under a stated rule.
+/// Width and height from the header of a compressed picture; `None` for arrays, which need no more memory than their
+/// files. A picture with an EXIF orientation needs a stated rule for reading it.
 ///
 /// # Errors
 /// The errors of [`read_as`] that the header reveals.
@@ -188,8 +188,7 @@ fn malformed(path: &Path, reason: impl Into<String>) -> ReadError {
     }
 }
 
-/// Size of the first layer. It determines how much memory is allocated, so it is checked against
-/// the file's size.
+/// Size of the first layer. It determines how much memory is allocated, so it must be plausible for the file's size.
 fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     let bytes = std::fs::metadata(path)
         .map_err(|error| malformed(path, error.to_string()))?
@@ -215,8 +214,7 @@ fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     first.ok_or_else(|| malformed(path, "it has no layer"))
 }
 
-/// Linear light above this value changes its 8-bit pixel when clipped to white, because it exceeds
-/// 1 by half a level.
+/// Linear values above this exceed 1 by at least half an 8-bit level, so that clipping to white changes the pixel.
 const BEYOND_WHITE: f32 = 1.0045;
 
 fn read_exr(
@@ -230,11 +228,11 @@ fn read_exr(
     let transfer = said.or(reading.exr).ok_or_else(|| {
         malformed(
             path,
-            "an EXR does not say whether its values are linear light or sRGB-encoded: exr=linear (what most programs \
-             write) or exr=srgb",
+            "it does not state whether its values are linear light or sRGB-encoded: set exr=linear (what most \
+             programs write) or exr=srgb",
         )
     })?;
-    // OpenEXR's colours are premultiplied: unchanged, they are composited over black.
+    // OpenEXR's colours are premultiplied; used unchanged, they are composited over black.
     let varying = alpha.iter().filter(|alpha| **alpha < 1.0).count();
     let white = match reading.rules.alpha {
         AlphaRule::Refuse if varying > 0 && !is_ours => {
@@ -290,7 +288,7 @@ pub fn read_linear(path: &Path) -> Result<LinearPicture, ReadError> {
         values.all(|value| value.is_finite()),
     ) {
         (true, true) => Ok(picture),
-        (false, _) => Err(malformed(path, "it does not say that it is linear")),
+        (false, _) => Err(malformed(path, "it is not marked as linear")),
         (_, false) => Err(malformed(path, "values that are not finite")),
     }
 }

@@ -60,8 +60,8 @@ fn png(
         .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))
 }
 
-/// EXR layer attribute that states the colours' transfer function. Files of other programs lack it,
-/// so users must state the function.
+/// EXR layer attribute with the colours' transfer function. Files of other programs do not have it, so users must state
+/// the function.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
 
 /// Writes RGB as blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated
@@ -106,8 +106,7 @@ fn write_layer(
     let channels = channels
         .iter()
         .map(|(name, values)| AnyChannel::new(name.as_str(), FlatSamples::F32(values.to_vec())));
-    // Store blocks in a fixed order, whichever thread compresses one first, so that equal pixels
-    // give equal bytes.
+    // Store blocks in a fixed order, independent of which thread finishes first, so that equal pixels give equal bytes.
     let encoding = Encoding {
         line_order: LineOrder::Increasing,
         ..Encoding::FAST_LOSSLESS
@@ -207,7 +206,7 @@ mod tests {
                 .unwrap();
             pictures::read_as(&path, &linear)
         };
-        // Excesses within the precision of half floats, or too small to change the 8-bit value.
+        // Values above 1 within the precision of half floats, or too little to change the 8-bit value.
         let within = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 1.004, -0.01]).unwrap();
         assert_eq!(within.notes, Vec::<String>::new());
         let bright = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 1.1, 30.0]).unwrap();

@@ -18,8 +18,8 @@ type HashSlot = Arc<Mutex<Option<HashedFile>>>;
 /// from being reused.
 type ProceduralHashes = BTreeMap<usize, (Arc<dyn ViewContent>, String)>;
 
-/// Caches file hashes for as long as it exists. The cached hash of a file is kept if the file
-/// changes; [`changed`](Self::changed) detects that.
+/// Caches file hashes for its lifetime. A cached hash stays the same if the file changes; [`changed`](Self::changed)
+/// finds such files.
 #[derive(Debug, Default)]
 pub(crate) struct ViewHashes {
     files: Mutex<BTreeMap<PathBuf, HashSlot>>,
@@ -54,15 +54,13 @@ impl ViewHashes {
         self.of_roles(view, |_| true)
     }
 
-    /// Hash of a view's camera and photograph, and of everything else that changes its pixels
-    /// (lens, mask), without depth.
+    /// Hash of a view's camera, photograph, and everything else that changes its pixels (lens, mask), without depth.
     pub(crate) fn photograph(&self, view: &View) -> Result<String, DatasetError> {
         self.of_roles(view, |role| role != FileRole::Depth)
     }
 
-    /// 16 hexadecimal digits over a view's camera and the bytes of its photograph, mask and depth.
-    /// They do not depend on the location and names of these files, nor on other entries of a
-    /// shared camera list.
+    /// Hash of a view's camera and of the bytes of its photograph, mask and depth, 16 hexadecimal digits. Independent
+    /// of the location and names of these files, and of other entries of a shared camera list.
     pub(crate) fn short(&self, view: &View) -> Result<String, DatasetError> {
         let mut text = format!("{:?} {:?}\n", view.intrinsics, view.camera_from_world);
         let mut files = view.content.files_by_role();

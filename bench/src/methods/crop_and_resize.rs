@@ -2,8 +2,8 @@
 //! predictions.
 //!
 //! Scores are computed at the target's full resolution. A prediction of another size with the same aspect ratio is
-//! resized by a named kernel. A cropped one is compared with the target cropped in the same way; its record states the
-//! crop. Nothing is padded.
+//! resized by a named kernel. A cropped one is compared with the equally cropped target; its record states the crop.
+//! Nothing is padded.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -101,8 +101,8 @@ impl FitRules {
         settings
     }
 
-    /// The part of a target that a picture of size `own` covers; `None` for all of it. `sidecar` is the region from its
-    /// sidecar file. Errors do not name the file.
+    /// The part of a target that a picture of size `own` covers; `None` for the whole target. `sidecar` is the region
+    /// from the picture's sidecar file. Errors do not name the file.
     pub(super) fn region(
         &self,
         target: (u32, u32),
@@ -142,7 +142,7 @@ impl FitRules {
         }
         let read = pictures::read_as(path, &self.reading).map_err(unreadable)?;
         let fitted = self.fit(read.picture, region, target).map_err(named)?;
-        // Conversions that the user requested are not noted.
+        // Conversions that the user requested cause no note.
         let given: Vec<String> = self
             .reading
             .rules
@@ -203,7 +203,7 @@ impl FitRules {
                  height exchanged?"
             ));
         }
-        // The aspect ratios count as equal if they differ only because the smaller of both has whole pixels.
+        // The aspect ratios count as equal if they differ only because the smaller size is rounded to whole pixels.
         let ((small_w, small_h), (large_w, large_h)) = match w > to_w || h > to_h {
             true => ((to_w, to_h), (w, h)),
             false => ((w, h), (to_w, to_h)),
@@ -225,7 +225,7 @@ impl FitRules {
     }
 }
 
-/// Error message: a picture needs a kernel to get the size of `what`. Lists the kernels that `option` accepts.
+/// Error message: `option` must set the kernel to resize a picture to the size of `what`. Lists the kernels.
 pub(crate) fn needs_kernel(
     what: &str,
     (w, h): (u32, u32),
@@ -321,7 +321,7 @@ mod tests {
         let resized = fit(Some("bicubic"), 32, 24).unwrap();
         assert_eq!(resized.picture.dimensions(), (96, 72));
         assert_eq!(resized.resized_from, Some((32, 24)));
-        // 72 / 96 · 50 is 37.5, so both heights are that aspect ratio after rounding.
+        // 72 / 96 · 50 is 37.5, so rounding may give either height.
         for height in [37, 38] {
             fit(Some("lanczos"), 50, height).unwrap();
         }

@@ -173,7 +173,7 @@ impl Placement {
             }
         };
         let [x, y] = self.shift;
-        // A pixel is a direction, so the shift is proportional to depth.
+        // A pixel corresponds to a direction, so the shift of a point is proportional to its depth.
         let shifted = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(x / fx, y / fy, 1.0));
         let widened = DMat3::from_diagonal(DVec3::new(self.focal[0], self.focal[1], 1.0));
         let space_from_file = self.transform.unwrap_or(DAffine3::IDENTITY) * own;
@@ -253,7 +253,7 @@ impl FileReading {
                 let factors = both(value).or(number(value).map(|factor| [factor; 2]));
                 let factors = factors.filter(|both| both.iter().all(|v| *v > 0.0));
                 placement.focal =
-                    factors.ok_or_else(|| needed("a positive number, or X:Y, across and down"))?;
+                    factors.ok_or_else(|| needed("a positive number, or X:Y (across and down)"))?;
             }
             "transform" => {
                 placement.transform = transform(value).map_err(|e| format!("{key}={value}: {e}"))?

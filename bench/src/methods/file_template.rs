@@ -43,8 +43,8 @@ impl FileTemplate {
         &self.0
     }
 
-    /// Possible paths in `folder` of the file for `id`, a pair or a source: first with plain names,
-    /// then with names encoded as in ids. Does not check that the files exist.
+    /// Possible paths in `folder` of the file for `id` (a pair or a source): first with plain names, then with names
+    /// encoded as in ids. The files need not exist.
     pub(super) fn candidates(&self, folder: &Path, id: &str) -> Vec<PathBuf> {
         let encoded = path_of(id);
         let plain = match id.contains("__") {
@@ -72,8 +72,8 @@ impl FileTemplate {
             .collect()
     }
 
-    /// The first of the [candidates](Self::candidates) that exists. `absent` is used in the error:
-    /// what is missing, and the key of the template's option.
+    /// The first [candidate](Self::candidates) that exists. `absent` is for the error: what is missing, and the key of
+    /// the template's option.
     pub(super) fn find(
         &self,
         folder: &Path,
@@ -111,7 +111,7 @@ fn is_below(path: &Path) -> bool {
     parts.clone().next().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// A message with the template that finds the largest number of the pairs' files in a folder; `None` if no template
+/// A message that suggests the template by which most of the pairs' files are found in a folder; `None` if no template
 /// finds any. `extensions` are those of the method's files.
 pub(super) fn suggestion(
     folder: &Path,

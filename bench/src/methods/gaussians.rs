@@ -39,7 +39,7 @@ pub const UNUSABLE: [(&str, &str); 2] = [
 /// `DIR/<dataset>/<scene>.ply`; with `space=target`, reads `DIR/<pair_id>.ply`. `file=` overrides
 /// the path with a template of `{dataset} {scene} {source} {target} {pair}`.
 ///
-/// Unless [`FileReading`]'s settings say otherwise, the Gaussians are in the source's camera space,
+/// Unless [`FileReading`]'s settings differ, the Gaussians are in the source's camera space,
 /// metres, OpenCV axes, as written by `sharp predict` and `sharp-bench predict`. Any camera stored
 /// in a file is ignored: the dataset's poses and intrinsics place and render the Gaussians. If a
 /// PLY does not state the encoding of its colours, `color_space=` must. Gaussians that are not
@@ -93,8 +93,8 @@ impl GaussianFiles {
             None | Some("source") => None,
             Some(text) => Some(TrainingViews::read(text).map_err(|reason| spec.refused(reason))?),
         };
-        // If all sources of a scene share a file, it was made from several views, unless the user
-        // says otherwise.
+        // If all sources of a scene share a file, its Gaussians were made from several views, unless the user states
+        // otherwise.
         let is_of_scene = reading.placement.space == FileSpace::World
             && match &file {
                 Some(template) => !template.names(&["source", "target", "pair"]),
@@ -114,7 +114,7 @@ impl GaussianFiles {
         })
     }
 
-    /// The id that a file is named after: the pair's if each target has a file, else the source's.
+    /// The id in the file's name: the pair's if each target has its own file, otherwise the source's.
     fn file_id<'p>(&self, pair_id: &'p str) -> &'p str {
         match self.needs_target() {
             true => pair_id,
@@ -175,8 +175,8 @@ fn size(path: &Path) -> u64 {
     inside.unwrap_or_else(|_| of_file(path))
 }
 
-/// A warning if a file was made for another principal point than the dataset's. SHARP assumes that
-/// it is the centre of the photograph.
+/// A warning if a file was made for another principal point than the dataset's. SHARP assumes the centre of the
+/// photograph.
 fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String> {
     let is_same_size = (stored.width, stored.height) == (own.width, own.height);
     let by = [stored.cx - own.cx, stored.cy - own.cy].map(|by| (by * 1000.0).round() / 1000.0);
@@ -375,7 +375,7 @@ impl PredictGaussians for GaussianFiles {
             rule_note,
             warnings: doubts
                 .into_iter()
-                // If the axes are not OpenCV's, they already explain a rotation about z.
+                // Other axes than OpenCV's explain a rotation about z, so they explain this doubt.
                 .filter(|d| d.about != StoredQuaternions::KEY || placement.axes == Axes::OPENCV)
                 .filter(|d| d.about != AXES)
                 .map(|doubt| {

@@ -26,11 +26,10 @@ use crate::scoring::Region;
 /// ([`PictureReading`](crate::io::pictures::PictureReading)). Like all predictions, the pictures
 /// are rounded to 8 bit.
 ///
-/// A picture must have the target's size, unless `resize=KERNEL` sets how one of another size with the
-/// same aspect ratio is resized, or `crop=` sets which part of the target it covers: `x:y:w:h` in
-/// pixels of the target, `center:W:H` for the largest centred part with that aspect ratio, `center`
-/// for the largest with the picture's own, `sidecar` for `DIR/<pair_id>.json` with
-/// `{"crop": [x, y, width, height]}`.
+/// A picture must have the target's size, unless `resize=KERNEL` sets the kernel for pictures of another size with the
+/// same aspect ratio, or `crop=` sets the part of the target that the picture covers: `x:y:w:h` in pixels of the
+/// target, `center:W:H` for the largest centred part with that aspect ratio, `center` for the largest one with the
+/// picture's own, `sidecar` for `DIR/<pair_id>.json` with `{"crop": [x, y, width, height]}`.
 #[derive(Debug, Clone)]
 pub struct Imported {
     label: String,
@@ -51,7 +50,6 @@ impl Imported {
         "png", "jpg", "jpeg", "exr", "webp", "tif", "tiff", "bmp", "jfif",
     ];
 
-    /// Parses the options.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let fit = FitRules::parse(|key| spec.option(key));
         Ok(Self {
@@ -147,7 +145,7 @@ impl Method for Imported {
         &self.label
     }
 
-    /// Excludes the folder: the bytes of each picture are hashed instead, so that moving the folder keeps finished work
+    /// Excludes the folder. The bytes of each picture are hashed instead, so that moving the folder keeps finished work
     /// valid.
     fn identity(&self) -> MethodIdentity {
         MethodIdentity {

@@ -222,16 +222,16 @@ pub const KINDS: [MethodKind; 8] = [
         summary: "an external program that gets one line of JSON per pair",
         settings: &[
             ("run='python my.py'", "command line of the program"),
-            ("timeout=600", "longest time for a pair, in seconds"),
+            ("timeout=600", "maximum time for a pair, in seconds"),
             (
                 "version=TEXT",
-                "whatever else decides the predictions, such as the version of the weights",
+                "anything else that determines the predictions, such as the version of the weights",
             ),
             (
                 "files=PATTERN",
-                "files that decide the predictions but are not named in the command line; they are hashed",
+                "files that affect the predictions but are not named in the command line; they are hashed",
             ),
-            ("cwd=DIR", "folder in which the program starts"),
+            ("cwd=DIR", "working directory of the program"),
             (
                 "depth=none|privileged",
                 "privileged: the program gets the source's true depth",
@@ -252,9 +252,8 @@ pub const KINDS: [MethodKind; 8] = [
 /// A method with its spec; `None` for a method passed in as code.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the methods; labels must be unique. An aligned score means little alone, so each method
-/// that aligns targets is accompanied by the same method without alignment, added if it is not
-/// listed. `chooser` picks the scale for methods that predict several.
+/// Builds the methods; labels must be unique. Scores of aligned targets mean little alone, so the unaligned form of
+/// each aligned method is added if it is not listed. `chooser` picks the scale for methods that predict several.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,
@@ -302,7 +301,7 @@ fn kind_of(spec: &MethodSpec) -> Result<&'static MethodKind, SpecError> {
 
 type Built = Result<Box<dyn Method>, SpecError>;
 
-/// The method itself, or at each of the scales in `scales=`.
+/// The method itself, or its sweep over the scales of `scales=`.
 fn swept<M: PredictAtScale + 'static>(
     spec: &MethodSpec,
     chooser: Option<&Arc<ScaleChooser>>,

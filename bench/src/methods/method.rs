@@ -92,7 +92,7 @@ impl<'a> SourceView<'a> {
     }
 }
 
-/// The target's camera; a method knows nothing else about the target.
+/// The target's camera, all that a method gets of the target.
 #[derive(Debug, Clone, Copy)]
 pub struct TargetCamera<'a> {
     pair_id: &'a str,
@@ -209,7 +209,7 @@ pub struct MethodIdentity {
 }
 
 impl MethodIdentity {
-    /// Key of the setting that names the metric choosing among scales; absent if a method predicts a single scale.
+    /// Key of the setting with the metric that chooses among scales; absent if a method predicts a single scale.
     pub const CHOSEN_BY: &str = "chosen_by";
 
     pub fn new<const N: usize>(kind: &str, settings: [(&str, String); N]) -> Self {
@@ -306,10 +306,10 @@ pub trait Method: Send + Sync {
         Ok(Vec::new())
     }
 
-    /// Checks for the files of the pairs with these ids, before the first prediction.
+    /// Checks whether the files of these pairs exist, before the first prediction.
     ///
     /// # Errors
-    /// If no file is at its expected place, but some are elsewhere; the error says where.
+    /// If no file is at its expected place, but some are elsewhere; the error names their place.
     fn check_files(&self, _pair_ids: &BTreeSet<String>) -> Result<(), String> {
         Ok(())
     }
@@ -326,12 +326,12 @@ pub enum Approach<'a> {
     Gaussians(&'a dyn PredictGaussians),
     /// Pictures at several scales of the scene; the best is scored.
     Scales(&'a dyn PredictScales),
-    /// The ground truth itself, which the method does not see: a self-test of the whole pipeline.
+    /// The ground truth itself, which the method does not get: a self-test of the whole pipeline.
     Target,
 }
 
 pub trait PredictPicture: Sync {
-    /// Predicts the picture seen by the target's camera.
+    /// Predicts the picture taken by the target's camera.
     fn predict(
         &self,
         source: &SourceView,
@@ -339,10 +339,9 @@ pub trait PredictPicture: Sync {
     ) -> Result<PicturePrediction, MethodError>;
 }
 
-/// Predicts Gaussians.
 pub trait PredictGaussians: Sync {
-    /// Whether each target has its own Gaussians. By default a source's Gaussians serve all targets, and the method
-    /// does not see the target.
+    /// Whether each target has its own Gaussians. By default, a source's Gaussians serve all targets, and the method
+    /// does not get the target.
     fn needs_target(&self) -> bool {
         false
     }

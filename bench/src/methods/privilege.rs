@@ -22,14 +22,14 @@ pub enum TrueDepth {
     None,
     /// Only the scale of the true depth: predicted Gaussians are scaled about the source camera by the median of true
     /// over predicted depth (the paper's "privileged depth evaluation", eq. global_scale). The predicted depth is the
-    /// method's first depth layer, or else the depth of its Gaussians rendered from the source camera. The method
-    /// itself does not see the true depth.
+    /// method's first depth layer, or else that of its Gaussians rendered from the source camera. The method itself
+    /// does not get the true depth.
     DepthScale,
     SourceDepth,
 }
 
 impl Privilege {
-    /// Sees only the source's photograph.
+    /// Uses only the photograph and the cameras.
     pub const NONE: Self = Self::of_depth(TrueDepth::None);
 
     pub const fn of_depth(depth: TrueDepth) -> Self {
@@ -40,8 +40,7 @@ impl Privilege {
         }
     }
 
-    /// One phrase per privilege. The privilege to see depth is omitted, because those methods'
-    /// descriptions state it.
+    /// One phrase per privilege, except for the use of depth, which the descriptions of those methods state.
     pub fn phrases(self) -> impl Iterator<Item = &'static str> {
         let scale = self.depth == TrueDepth::DepthScale;
         [

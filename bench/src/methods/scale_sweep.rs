@@ -17,7 +17,7 @@ pub type Scale = (String, f64);
 
 /// A method that can predict a pair at a given scale of the scene.
 pub(super) trait PredictAtScale: Method {
-    /// Predicts the target's picture, with the distance of the two cameras multiplied by the scale.
+    /// Predicts the target's picture, with the distance between the two cameras multiplied by the scale.
     fn predict_at(
         &self,
         scale: &Scale,

@@ -20,8 +20,8 @@ use crate::io::hash::{FileStamp, HashedFile};
 
 /// The SHARP network.
 ///
-/// Uses the photograph as the dataset provides it. The disparity factor is the dataset's focal length over the width
-/// (f_x / W). `depth=privileged` is [`TrueDepth::DepthScale`]; then a source without depth is a failure.
+/// Uses the photograph as the dataset provides it. The disparity factor is the dataset's focal length divided by the
+/// width (f_x / W). `depth=privileged` is [`TrueDepth::DepthScale`], with which a source without depth fails.
 pub struct Sharp {
     label: String,
     network: NetworkSpec,
@@ -66,8 +66,8 @@ impl Sharp {
             ..named.map_err(|error| refused(&error))?
         };
         let sharp = Self::new(&spec.label, network, depth).map_err(|error| refused(&error))?;
-        // An official checkpoint that was found rather than named must be the one used before. An
-        // unwritable cache is not an error.
+        // If the official checkpoint was searched for rather than named, it must be the one used before. An unwritable
+        // cache is not an error.
         if let (None, Some(record)) = (checkpoint, record_file(RELEASE_FILE)) {
             let Self {
                 network, identity, ..
@@ -216,7 +216,7 @@ mod tests {
             Sharp::from_spec(&text.parse().unwrap()).unwrap()
         };
         let plain = sharp("");
-        // The device that was found, not the requested one.
+        // The actual device, not the requested one.
         let engine = &plain.identity().settings["engine"];
         assert!(engine.starts_with("cpu-"), "{engine}");
         let more = sharp(",allow_unused='ema.,aux.'");

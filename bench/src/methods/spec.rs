@@ -81,7 +81,7 @@ impl MethodSpec {
         self.options.get(key).map(String::as_str)
     }
 
-    /// Parses `depth=none|privileged`; the argument is what `privileged` means for this kind.
+    /// Parses `depth=none|privileged`; the argument is the meaning of `privileged` for this kind.
     pub(super) fn depth(&self, privileged: TrueDepth) -> Result<TrueDepth, SpecError> {
         match self.option("depth") {
             None | Some("none") => Ok(TrueDepth::None),

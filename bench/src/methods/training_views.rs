@@ -48,7 +48,7 @@ impl TrainingViews {
         &self.sha256[..16]
     }
 
-    /// Whether a pair's source and target were trained on; `None` for an invalid id.
+    /// Whether the method was trained on a pair's source and target; `None` for an invalid id.
     pub(super) fn hold(&self, pair_id: &str) -> Option<[bool; 2]> {
         let name = PairName::decode(pair_id).ok()?;
         let views = [&name.source, &name.target];

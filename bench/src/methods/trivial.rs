@@ -33,7 +33,7 @@ impl Method for Target {
     }
 }
 
-/// Returns the source photograph unchanged. A method that moves the camera at all must beat it.
+/// Returns the source photograph unchanged. Any method that models the camera's motion must score better.
 pub(super) fn copy(spec: &MethodSpec) -> Box<dyn Method> {
     let identity = MethodIdentity::new("copy", []);
     Box::new(Closure::built_in(
@@ -81,7 +81,7 @@ fn mean_color(image: &RgbImage) -> Rgb<u8> {
         }
     }
     let n = u64::from(image.width()) * u64::from(image.height());
-    // A mean of bytes fits into a byte, and no picture here is empty.
+    // The mean of bytes fits into a byte, and no picture here is empty.
     Rgb(sums.map(|sum| ((sum + n / 2) / n.max(1)) as u8))
 }
 

@@ -135,7 +135,7 @@ fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
     let scaled = if options.depth.is_ground_truth() {
         ""
     } else {
-        ", and other depth is scaled by it (not with overlap=given-metric)"
+        ", so other depth cannot be scaled to it (as all but overlap=given-metric require)"
     };
     format!(
         "no view has depth{scaled}; `datasets check` lists the missing files; without them, --pair-options \
@@ -251,7 +251,7 @@ mod tests {
         let other = said("scannetpp=/x,split=nvs_sem_val", "", depth(0, 0)).unwrap();
         assert!(other.contains("given-metric"), "{other}");
         let scaled = said("eth3d=/x", "overlap=sharp-release", depth(0, 0)).unwrap();
-        assert!(scaled.contains("scaled by it"), "{scaled}");
+        assert!(scaled.contains("scaled to it"), "{scaled}");
         let near = PairCounts {
             too_near: 90,
             ..depth(0, 0)

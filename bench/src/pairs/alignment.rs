@@ -102,8 +102,8 @@ mod tests {
 
     #[test]
     fn a_prediction_of_another_size_is_sampled_at_the_ground_truths_centres() {
-        // A plane in x: a 4-pixel row has its centres at 1, 3, 5, 7 of 8; the ground truth's 8
-        // centres are at 0.5, 1.5 …
+        // A plane in x. The prediction's row of 4 pixels has its centres at 1, 3, 5, 7 of 8; the ground truth's 8
+        // centres are at 0.5, 1.5, …
         let prediction = map(4, 1, &[1.0, 3.0, 5.0, 7.0]);
         // Inside, bilinear samples lie on the plane, so the ratio is exactly 2. The ground truth is
         // sparse: it has no depth at the other pixels.

@@ -76,11 +76,9 @@ pub struct OtherReading {
     pub scenes: Result<Vec<Scene>, String>,
 }
 
-/// Counts pairs under the base options (first result), under each applicable alternative that
-/// differs from them, and under other readings of the datasets. Datasets of stereo pairs are
-/// counted only under choices that apply to such pairs. Overlaps are measured once per way of
-/// measuring and stored in the context's cache, or in memory if it has none. Calls
-/// `advance(done, all)` after each count.
+/// Counts pairs under the base options (first result), under each applicable alternative, and under other readings of
+/// the datasets. Stereo datasets are counted only under choices that apply to them. Overlaps are measured once per way
+/// of measuring and stored in the context's cache, or else in memory. Calls `advance(done, all)` after each count.
 pub fn alternatives(
     scenes: &[Scene],
     base: &PairOptions,
@@ -111,7 +109,7 @@ pub fn alternatives(
     let options: Vec<(&str, &str, PairOptions)> = changed
         .filter(|(about, _)| *about == OF_ALL || !of_multi_view.is_empty())
         .filter_map(|(about, change)| Some((about, change, base.with(change).ok()?)))
-        // Another source of depth would need other files, so it replaces only the ground truth.
+        // Other sources of depth would need other files, so only ground-truth depth is varied.
         .filter(|(_, change, options)| {
             options != base && (!change.starts_with("overlap=") || base.depth.is_ground_truth())
         })
@@ -206,12 +204,12 @@ fn counts(build: &PairBuild, base: &BTreeSet<&str>) -> BTreeMap<String, Count> {
     counts
 }
 
-/// Settings that do not affect the interpretation of the paper: permission to open files, and treatment of pictures
+/// Settings that do not concern the interpretation of the paper: permission to open files, and treatment of pictures
 /// that do not match their camera's size.
 const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
 
-/// Each dataset under every alternative setting of its reader. If its files cannot be opened that
-/// way, the reason is kept.
+/// Each dataset under every alternative setting of its reader. If its files cannot be opened under a setting, the
+/// reason is kept.
 pub fn other_readings(
     datasets: &[OpenDataset],
     only_scenes: Option<&str>,

@@ -22,10 +22,9 @@ pub struct OpenDataset {
     pub name: String,
     /// The configuration as given.
     pub config: DatasetConfig,
-    /// The reader and its settings except the folder: everything that determines how files are
-    /// interpreted.
+    /// The reader and all its settings except the folder, which determine how files are interpreted.
     pub settings: String,
-    /// Settings that resolve what the paper leaves open.
+    /// Settings for details that the paper leaves open.
     pub readings: Vec<DatasetReading>,
     /// Units of the dataset's files.
     pub units: Units,
@@ -84,7 +83,7 @@ impl OpenDataset {
         Ok(open)
     }
 
-    /// Opens a dataset with the settings recorded by a run, even if a default has changed since.
+    /// Opens a dataset with the settings that a run recorded, even if a default has changed since.
     ///
     /// # Errors
     /// As [`Self::open_all`], but it is no error if no scene matches.
@@ -110,7 +109,7 @@ impl OpenDataset {
             found.choose(|id| glob.is_match(id), &format!("--scenes {pattern}"));
         }
         let left_out = by_reason(&found.left_out);
-        // If no scene is left and some are broken, report the broken ones as the reason.
+        // If no scene is left because scenes are broken, report the broken ones as the reason.
         let scenes = match found.scenes.is_empty() {
             true => found.all()?,
             false => found.scenes,
@@ -172,8 +171,7 @@ impl OpenDataset {
         groups.map(|group| group.views.len()).sum()
     }
 
-    /// Why a scene was not read, given its id or that of a parent folder; `None` if it was read or
-    /// does not exist.
+    /// Why a scene was not read, given its id or the id of a parent folder; `None` if it was read or does not exist.
     pub fn leaves_out(&self, scene: &str) -> Option<&LeftOutScenes> {
         let holds = |id: &String| {
             let rest = scene.strip_prefix(id.as_str());
@@ -309,7 +307,7 @@ mod tests {
         let odd = open(&[recorded("rectification", "none"), recorded("left", "im1")]).unwrap();
         let counts = [&now, &then, &odd].map(|open| (open.scenes.len(), open.left_out.len()));
         assert_eq!(counts, [(1, 1), (2, 0), (1, 1)]);
-        // The given settings are the same, and so is the identity of results.
+        // The settings in force are the same, and so is the identity of results.
         assert_eq!(now.settings, then.settings);
     }
 

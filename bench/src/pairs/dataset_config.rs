@@ -11,7 +11,7 @@ use sharp_datasets::{DatasetError, DatasetSpec};
 use crate::pairs::PairError;
 use crate::pairs::frame::Frame;
 
-/// Prefix that distinguishes pair options from reader settings among a dataset's keys.
+/// Prefix that distinguishes a dataset's pair options from its reader settings.
 const PAIR_OPTION: &str = "pairs.";
 
 /// Prefix of the setting with a dataset's [`Frame`].
@@ -24,7 +24,7 @@ const FRAME: &str = "frame=";
 #[serde(into = "String", try_from = "String")]
 pub struct DatasetConfig {
     pub spec: DatasetSpec,
-    /// Size to which views are resized; `None` keeps their own.
+    /// Size to which views are resized; `None` keeps their own size.
     pub frame: Option<Frame>,
     pub pairs: PairOverrides,
 }

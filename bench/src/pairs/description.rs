@@ -32,8 +32,8 @@ pub struct PairDescription {
     pub target_from_source: [f64; 16],
     /// Location and size of the expected prediction.
     pub prediction: ExpectedPrediction,
-    /// Cameras at several scales for methods without metric scale, which render each; the best
-    /// scale is scored.
+    /// Cameras at several scales, for methods without metric scale: of their pictures at all scales, the best is
+    /// scored.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scales: Vec<ScaledCamera>,
     pub conventions: BTreeMap<&'static str, &'static str>,
@@ -66,7 +66,7 @@ pub struct ExpectedPrediction {
 }
 
 impl PairDescription {
-    /// Describes a pair from its cameras.
+    /// Describes a pair, given its cameras.
     pub fn new(pair_id: &str, source: &PosedCamera, target: &PosedCamera) -> Self {
         let (dataset, scene) = match PairName::decode(pair_id) {
             Ok(name) => (name.dataset, name.scene),
@@ -111,7 +111,7 @@ impl PairDescription {
     }
 }
 
-/// The camera of a view; all that a method may know about the target.
+/// The camera of a view. For the target, this is all that a method may know.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedCamera {
     pub id: String,

@@ -25,7 +25,7 @@ pub enum PairError {
         "pair id '{0}' occurs twice: two datasets or scenes share a name (give each dataset its own: NAME:FORMAT=PATH)"
     )]
     DuplicatePair(String),
-    #[error("{what}: depth is {}x{}, the camera says {}x{}", depth.0, depth.1, camera.0, camera.1)]
+    #[error("{what}: depth is {}x{}, but the camera's image is {}x{}", depth.0, depth.1, camera.0, camera.1)]
     DepthSize {
         what: String,
         depth: (u32, u32),

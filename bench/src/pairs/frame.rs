@@ -64,7 +64,7 @@ impl Frame {
         )
     }
 
-    /// How a picture of this size is resized and cropped. Errors do not name the view.
+    /// Resizing and cropping of a picture of this size. Errors do not name the view.
     fn fit(&self, (w, h): (u32, u32)) -> Result<Fit, String> {
         let fit = |resized, size: (u32, u32)| {
             let (rw, rh): (u32, u32) = resized;
@@ -184,12 +184,11 @@ struct Framed {
 }
 
 impl Framed {
-    /// The range (first, one past the last) of original pixels covered by row or column `at` of the
-    /// crop.
+    /// The range (first, one past the last) of original pixels that row or column `at` of the crop covers.
     fn covered(at: u32, corner: u32, from: u32, resized: u32) -> (u32, u32) {
         let place = |at: u32| f64::from(at) * f64::from(from) / f64::from(resized);
         let (first, end) = (place(at + corner), place(at + corner + 1));
-        // An end of the range that misses a pixel's edge only by a rounding error counts as on the edge.
+        // Ends that miss a pixel's edge only by a rounding error count as on the edge.
         let end = (end - 1e-9).ceil() as u32;
         ((first + 1e-9).floor() as u32, end.min(from))
     }
@@ -222,7 +221,7 @@ impl ViewContent for Framed {
         Ok(cropped.to_image())
     }
 
-    /// A pixel is valid if all original pixels that it covers are.
+    /// A pixel is valid if all original pixels that it covers are valid.
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
         let Some(valid) = self.whole.valid_pixels()? else {
             return Ok(None);

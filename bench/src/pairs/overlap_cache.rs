@@ -1,9 +1,8 @@
 //! Content-addressed cache of measured overlaps.
 //!
-//! A scene's table is keyed by a hash of everything that its numbers depend on: the sources of this
-//! program, the reader's settings, every view's camera and the bytes of its files, the source of
-//! depth, and the measuring options. Sets, thresholds and sampling are not part of the key, so all
-//! of them share one table, which grows as more views are requested.
+//! A scene's table is keyed by a hash of everything that its numbers depend on: this program's sources, the reader's
+//! settings, every view's camera and files, the source of depth, and the measuring options. All sets, thresholds and
+//! samplings share one table, which grows as more views are requested.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -47,7 +46,7 @@ pub(super) struct DepthFacts {
 pub(super) struct SceneOverlaps {
     /// Facts by view; `None` for a view without valid depth.
     pub(super) depths: BTreeMap<usize, Option<DepthFacts>>,
-    /// Overlaps by a, then by b, for views a < b with valid depth.
+    /// Overlaps of views a < b with valid depth, by a, then by b.
     couples: BTreeMap<usize, BTreeMap<usize, Option<Overlaps>>>,
     /// Views whose depth could not be read. Not stored, because the file may be fixed later.
     #[serde(skip)]

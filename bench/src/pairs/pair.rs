@@ -23,12 +23,12 @@ pub struct Pair {
     pub baseline_m: f64,
     /// Angle between the two cameras, degrees.
     pub rotation_deg: f64,
-    /// Median depth of the target, metres. If the target of a stereo pair has no depth, that of the source, because
-    /// both views of a rectified pair share the depth axis. `None` if neither has depth.
+    /// Median depth of the target, metres. If the target of a stereo pair has no depth, the median of the source's
+    /// depth, because both views of a rectified pair share the depth axis. `None` if neither has depth.
     pub median_depth_m: Option<f64>,
-    /// Share of the target's pixels that the source sees; `None` without depth.
+    /// Share of the target's pixels that are visible in the source; `None` without depth.
     pub overlap: Option<f64>,
-    /// Share of the source's pixels that the target sees; `None` without depth.
+    /// Share of the source's pixels that are visible in the target; `None` without depth.
     pub overlap_source_to_target: Option<f64>,
     pub selected: bool,
 }

@@ -69,8 +69,8 @@ pub fn source_of(pair_id: &str) -> &str {
     pair_id.split("__").next().unwrap_or(pair_id)
 }
 
-/// Maximum length of a file or folder name made from an id, bytes. File systems allow 255, but
-/// partial files add affixes and extensions.
+/// Maximum length of a file or folder name made from an id, bytes. File systems allow 255, but names of partial files
+/// have additional affixes and extensions.
 const LONGEST: usize = 180;
 
 /// Converts an id (of a pair, or `dataset/scene/view`) to a relative path without extension. The

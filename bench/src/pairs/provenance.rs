@@ -1,4 +1,4 @@
-//! Origin of a pair list: recorded when it is built, and later read from a file next to it.
+//! Origin of a pair list, recorded when the list is built and later read from a file next to it.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -68,7 +68,6 @@ impl ListCompanion {
         }
     }
 
-    /// Path of a list's companion.
     pub fn path(list: &Path) -> PathBuf {
         let mut name = list.as_os_str().to_owned();
         name.push(".json");
@@ -89,8 +88,7 @@ impl ListCompanion {
         serde_json::from_slice(&sharp::files::read(path).ok()?).ok()
     }
 
-    /// Removes the companion of an overwritten list. Files of that name that are no companions are
-    /// kept.
+    /// Removes the companion of an overwritten list. Keeps a file of that name that is not a companion.
     pub fn remove(list: &Path) -> Result<(), FileError> {
         let path = Self::path(list);
         match Self::read(&path) {

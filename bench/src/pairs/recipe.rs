@@ -109,7 +109,7 @@ impl PairRecipe {
         Ok(self)
     }
 
-    /// The recipe of a dataset: this one, changed by the dataset's own pair options.
+    /// The recipe for a dataset: this one, with the dataset's own pair options applied.
     pub fn of(&self, dataset: &OpenDataset) -> Result<Self, PairError> {
         let own = &dataset.config.pairs;
         let named = |error: PairError| PairError::DatasetSpec {
@@ -118,7 +118,7 @@ impl PairRecipe {
         };
         let options = self.options.with(&own.options_text()).map_err(named)?;
         let mut common = self.clone();
-        // Drop files of the common choice that this dataset's choice does not use.
+        // Drop files of the common options that this dataset's options do not use.
         if own.options.contains_key("overlap") {
             common
                 .overlap_depth
@@ -152,7 +152,7 @@ impl PairRecipe {
         };
     }
 
-    /// Writes what [`OverlapDepth::Auto`] resolves to on this machine into a dataset's own options, so that the
+    /// Stores what [`OverlapDepth::Auto`] resolves to on this machine in a dataset's own options, so that the
     /// configuration gives the same pairs on machines with other weights.
     pub fn pin(&self, dataset: &mut DatasetConfig) {
         let own = &mut dataset.pairs;
@@ -253,8 +253,8 @@ impl PairRecipe {
         })
     }
 
-    /// The number of pairs under each open choice and each alternative reading of the datasets; the source of depth
-    /// does not change.
+    /// The number of pairs under each open choice and each alternative reading of the datasets. The source of depth is
+    /// not varied.
     pub fn ambiguity(
         &self,
         datasets: &[OpenDataset],

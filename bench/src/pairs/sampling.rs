@@ -13,12 +13,12 @@ pub enum SamplingRule {
     /// Uniformly without replacement: the list is sorted bytewise by pair id and shuffled by [`SplitMix64::shuffle`];
     /// the first entries are taken.
     Uniform,
-    /// Round-robin over scenes in bytewise order, one pair each, until the limit; within a scene as for `Uniform`. All
-    /// scenes draw consecutively from one generator.
+    /// Round-robin over scenes in bytewise order, one pair each, until the limit is reached. Within a scene, pairs are
+    /// drawn as for `Uniform`. All scenes draw consecutively from one generator.
     PerScene,
-    /// Round-robin over ten bins of baseline, nearest first, one pair each, until the limit. Bins have equal width from
-    /// the smallest to the largest baseline; within a bin as for `Uniform`. All bins draw consecutively from one
-    /// generator.
+    /// Round-robin over ten bins of baseline, nearest first, one pair each, until the limit is reached. Bins have equal
+    /// width from the smallest to the largest baseline. Within a bin, pairs are drawn as for `Uniform`. All bins draw
+    /// consecutively from one generator.
     #[value(name = "stratified:baseline")]
     StratifiedBaseline,
     /// The first ones by pair id.
@@ -45,8 +45,8 @@ impl Default for SamplingOptions {
     }
 }
 
-/// Draws pairs of one dataset. `pairs` holds the scene and the baseline in metres of each pair, sorted bytewise by id;
-/// returns whether each was drawn.
+/// Draws pairs of one dataset. `pairs` contains each pair's scene and baseline in metres, sorted bytewise by pair id.
+/// Returns whether each pair was drawn.
 pub fn sample(pairs: &[(&str, f64)], options: &SamplingOptions) -> Vec<bool> {
     let n = pairs.len();
     let limit = options.limit.unwrap_or(n);
@@ -79,8 +79,8 @@ pub fn sample(pairs: &[(&str, f64)], options: &SamplingOptions) -> Vec<bool> {
     selected
 }
 
-/// At most `limit` pairs of a list: round-robin over datasets, then over the scenes of each.
-/// Scenes, and the pairs of a scene, are shuffled. A smaller limit gives a subset of a larger one.
+/// At most `limit` pairs of a list, round-robin over datasets, then over the scenes of each dataset. Scenes, and the
+/// pairs of a scene, are shuffled. A smaller limit gives a subset of a larger one.
 pub fn spread<'a>(pairs: &[ResolvedPair<'a>], limit: usize) -> Vec<ResolvedPair<'a>> {
     let names = pairs.iter().map(|p| (&*p.pair.dataset, &*p.pair.scene));
     let chosen = spread_positions(&names.collect::<Vec<_>>(), limit);
@@ -114,7 +114,7 @@ fn strata<'a>(pairs: &'a [(&str, f64)]) -> impl Iterator<Item = usize> + 'a {
     let all = || pairs.iter().map(|(_, metres)| *metres);
     let least = all().fold(f64::INFINITY, f64::min);
     let span = all().fold(f64::NEG_INFINITY, f64::max) - least;
-    // If all baselines are equal or NaN, all are in the first bin.
+    // If all baselines are equal or NaN, all pairs are in the first bin.
     let bin = move |metres: f64| ((metres - least) / span * STRATA as f64) as usize;
     all().map(move |metres| bin(metres).min(STRATA - 1))
 }

@@ -44,7 +44,7 @@ impl SceneChecks {
         }
     }
 
-    /// Warns of contradictions in scenes of a dataset, and adds them to the scenes' notes.
+    /// Warns about contradictions in scenes of a dataset, and adds the warnings to the scenes' notes.
     pub fn look_at(&self, dataset: &mut OpenDataset, observer: &dyn Observer) {
         let OpenDataset {
             scenes, settings, ..

@@ -8,10 +8,10 @@ use sharp::random::SplitMix64;
 pub enum Grouping {
     /// Views 0–9, 10–19, …
     Consecutive,
-    /// View i is in set `i mod ⌈n / size⌉`, so every set spans the whole sequence. Set sizes differ by at most one, so
+    /// View i is in set `i mod ⌈n / size⌉`, so every set spans the whole sequence. Set sizes differ by at most one, and
     /// there is no remainder.
     Strided,
-    /// A seeded shuffle of the views, then consecutive; every scene uses the same seed.
+    /// A seeded shuffle of the views, then consecutive sets; every scene uses the same seed.
     #[value(skip)]
     Random {
         seed: u64,
@@ -68,7 +68,7 @@ pub fn view_sets(n: usize, options: &SetOptions) -> Vec<Vec<usize>> {
             order.chunks(size).map(<[usize]>::to_vec).collect()
         }
     };
-    // Strided sets are as equal as possible, and Whole has one set; neither leaves a remainder.
+    // Strided sets are of about equal size, and Whole is one set, so neither leaves a remainder.
     let chunked = matches!(
         options.grouping,
         Grouping::Consecutive | Grouping::Random { .. }

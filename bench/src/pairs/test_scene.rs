@@ -59,8 +59,8 @@ impl ViewContent for Wall {
 const WIDTH: u32 = 100;
 const HEIGHT: u32 = 10;
 
-/// A row of parallel cameras, `step_m` apart, facing a wall 2 m away. One metre is 50 px, so two views that are d
-/// metres apart overlap by 1 − d / 2.
+/// A row of parallel cameras, `step_m` apart, facing a wall 2 m away. One metre is 50 pixels, so two views d metres
+/// apart overlap by 1 − d / 2.
 pub(super) struct CameraRow {
     pub(super) scene: Scene,
     pub(super) reads: Arc<AtomicUsize>,

@@ -7,9 +7,8 @@ pub fn is_valid_depth(depth: f32) -> bool {
     depth > 0.0 && depth < f32::INFINITY
 }
 
-/// Share of a map's valid pixels whose right neighbour is also valid, 0..1: near 1 for an object in
-/// front of an empty background; equal to the share of valid pixels for scattered points. 1 if no
-/// valid pixel has a right neighbour.
+/// Share of a map's valid pixels whose right neighbour is also valid, 0..1. Near 1 for an object in front of an empty
+/// background; equal to the share of valid pixels for scattered points; 1 if no valid pixel has a right neighbour.
 pub fn density(depth: &DepthMap) -> f64 {
     let width = depth.width().max(1) as usize;
     let rows = depth.as_raw().chunks_exact(width);
@@ -64,7 +63,7 @@ mod tests {
             image::Luma([f32::from(u8::from((40..60).contains(&x) && y > 20))])
         });
         assert!(density(&object) > 0.9);
-        // A third of the pixels at random, from the bits of a product.
+        // A pseudo-random third of the pixels, selected by the bits of a product.
         let points = DepthMap::from_fn(100, 50, |x, y| {
             let hash = (x + 101 * y).wrapping_mul(2_654_435_761) >> 16;
             image::Luma([f32::from(u8::from(hash % 5 == 0))])

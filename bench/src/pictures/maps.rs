@@ -12,7 +12,7 @@ use crate::report::error_map::false_colours;
 /// One value per pixel; NaN where the metric has none.
 pub type Values = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// Values at the two ends of the colour scale. The dark end always means "alike", the bright one "different".
+/// Values at the two ends of the colour scale. The dark end always means "alike", the bright end "different".
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColourScale {
     pub alike: f64,
@@ -20,7 +20,7 @@ pub struct ColourScale {
 }
 
 impl ColourScale {
-    /// From 0 to the smallest of 1, 2, 5 × 10ⁿ that no value exceeds; to 1 if all values are 0.
+    /// From 0 to the smallest 1, 2 or 5 × 10ⁿ that no value exceeds; from 0 to 1 if all values are 0.
     pub fn from_zero(values: &Values) -> Self {
         let largest = values
             .as_raw()
@@ -46,7 +46,7 @@ impl ColourScale {
     }
 }
 
-/// The smallest of 1, 2, 5 × 10ⁿ that is at least `value`; 1 for 0.
+/// The smallest 1, 2 or 5 × 10ⁿ that is at least `value`; 1 for 0.
 fn round_up(value: f64) -> f64 {
     if value <= 0.0 {
         return 1.0;
@@ -113,9 +113,8 @@ impl LocalMap {
         }
     }
 
-    /// The map in inferno colours; grey for NaN. Lightness grows in equal steps with the
-    /// difference, so that the order of values survives in grey and under every form of colour
-    /// blindness.
+    /// The map in inferno colours, grey for NaN. Lightness grows in equal steps with the difference, so that the order
+    /// of values is still visible in grey and to people with any form of colour blindness.
     fn picture(&self) -> RgbImage {
         false_colours(&self.values, |value| {
             (!value.is_nan()).then(|| self.scale.share(value))

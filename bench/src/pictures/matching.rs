@@ -23,7 +23,7 @@ pub enum MatchError {
         other: PathBuf,
         by: MatchBy,
     },
-    /// Two pictures that match the same picture.
+    /// Two pictures that both match a third.
     #[error("{} and {} have the same {by}", first.display(), second.display())]
     Ambiguous {
         first: PathBuf,

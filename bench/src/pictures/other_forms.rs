@@ -1,8 +1,8 @@
 //! Variants that other packages compute under the names of our metrics. They help to identify a
 //! published number and are never a column.
 //!
-//! Each variant is what a public package computes by default. The code is simple rather than fast, because only
-//! `metrics --find` uses it.
+//! Each variant is the default of a public package. The code is simple rather than fast, because only `metrics --find`
+//! uses it.
 
 use image::{Rgb, Rgb32FImage};
 use sharp_metrics::{
@@ -66,7 +66,7 @@ pub fn other_forms(
         "On the Y of MATLAB's rgb2ycbcr (BT.601, 16..235) against a peak of 255, as in super-resolution.",
     );
 
-    // SSIM with constants that are too large by a factor of 4 equals SSIM of halved values.
+    // SSIM whose constants are too large by a factor of 4 equals SSIM of halved values.
     let halved = both(&|picture| mapped(picture, |rgb, _| rgb.map(|v| 0.5 * v)));
     for (key, name) in [
         ("ssim[uniform7,sample]", "SSIM with data_range=2, 7x7 box"),
@@ -216,8 +216,7 @@ fn similarity([a, b]: &[Picture; 2]) -> Option<f64> {
     ssim(SsimVariant::Gauss11Valid, a, b, None).ok()
 }
 
-/// Multi-scale SSIM (Wang et al. 2003): with windows inside the coarsest picture, and with
-/// reflected borders.
+/// Two variants of multi-scale SSIM (Wang et al. 2003): windows inside the coarsest picture, and reflected borders.
 fn multi_scale(pictures: [&Picture; 2]) -> Option<[f64; 2]> {
     const WEIGHTS: [f64; 5] = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333];
     // Powers of negative values are not real.

@@ -1,4 +1,4 @@
-//! Published evaluation procedures by name, and the settings of a run that each fixes.
+//! Published evaluation procedures by name, each with the settings of a run that it fixes.
 //!
 //! Every preset follows the rules of the original code, even misleading ones, and states where this
 //! harness differs.
@@ -63,11 +63,11 @@ pub enum PairRule {
     List(String),
     /// Only targets are fixed; the user chooses the sources with `--pairs`.
     NoSource(String),
-    /// Cannot be run here; the text says why.
+    /// Cannot be run here; the text gives the reason.
     Refused(String),
 }
 
-/// Rounding of predictions before scoring.
+/// How predictions are rounded before scoring.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantised {
@@ -93,8 +93,7 @@ impl Protocol {
         })
     }
 
-    /// Applies the protocol to a configuration: frame size of the datasets, metrics, rounding. Applying it twice
-    /// changes nothing.
+    /// Applies the protocol to a configuration: frame size and background of datasets, metrics, rounding. Idempotent.
     ///
     /// # Errors
     /// If the request contradicts the protocol, or does not include something that it needs.
@@ -162,7 +161,7 @@ impl Protocol {
             PairRule::Paper if asked.pairs.is_some() => Ok(()),
             PairRule::Paper => match asked.pair_options.as_ref().map(PairOptions::proxies) {
                 Some(changed) if !changed.is_empty() => Err(self.contradicted(
-                    "builds pairs as the paper says",
+                    "builds pairs as in the paper",
                     format!("--pair-options {}", changed.join(",")),
                 )),
                 _ => Ok(()),
@@ -185,11 +184,9 @@ impl Protocol {
             .as_ref()
             .and_then(|frame| frame.parse::<Frame>().ok());
         let rule = match (of_protocol, own) {
-            (Some(frame), Some(own)) if own != frame => {
-                Some(format!("sees pictures as frame={frame}"))
-            }
+            (Some(frame), Some(own)) if own != frame => Some(format!("requires frame={frame}")),
             (None, Some(_)) if !matches!(self.pairs, PairRule::NoSource(_)) => {
-                Some("sees pictures as they are".to_owned())
+                Some("uses pictures at their own size".to_owned())
             }
             _ => None,
         };
@@ -227,7 +224,10 @@ impl Protocol {
         };
         match asked {
             Some(asked) if asked != own => Err(self.contradicted(
-                format!("brings renderings to 8 bit by {}", Quantization::from(own)),
+                format!(
+                    "converts renderings to 8 bit by {}",
+                    Quantization::from(own)
+                ),
                 format!("--quantise {}", Quantization::from(asked)),
             )),
             _ => Ok(Some(own)),
@@ -375,12 +375,12 @@ mod tests {
             (
                 "sharp",
                 &other_options,
-                ["as the paper says", "threshold=0.5"],
+                ["as in the paper", "threshold=0.5"],
             ),
             (
                 "sharp",
                 &framed,
-                ["sees pictures as they are", "frame=width:100:area"],
+                ["uses pictures at their own size", "frame=width:100:area"],
             ),
             ("3dgs", &listless, ["no source view", "index % 8"]),
             ("splatter", &plain, ["cannot be followed", "SRN"]),

@@ -6,8 +6,8 @@ use toml::Table;
 
 use super::Protocol;
 
-/// All presets; see [`Protocol::named`]. A preset in the file has the values of the one that it is `like`, except for its
-/// own.
+/// All presets; see [`Protocol::named`]. A preset in the file has the values of the one that it is `like`, except those
+/// that it sets itself.
 pub static PROTOCOLS: LazyLock<Vec<Protocol>> = LazyLock::new(|| {
     let file: Table = include_str!("../../data/protocols.toml")
         .parse()

@@ -4,8 +4,7 @@
 use sharp::gaussians::Gaussians;
 use sharp::render::{Backend, CpuRenderer, RenderError, RenderOutput, RenderView, Renderer};
 
-/// Renders batches of views. After a device was lost or ran out of memory, all further views are
-/// rendered on the CPU.
+/// Renders batches of views. Once a device was lost or ran out of memory, all remaining views are rendered on the CPU.
 pub struct BatchRenderer {
     device: Option<Box<dyn Renderer>>,
     cpu: CpuRenderer,
@@ -49,7 +48,7 @@ impl BatchRenderer {
         self.reason.as_deref()
     }
 
-    /// Backend of the next view: `cpu-avx512`, `wgpu:<adapter>`.
+    /// Backend that renders the next view: `cpu-avx512`, `wgpu:<adapter>`.
     pub fn name(&self) -> String {
         match &self.device {
             Some(device) => device.name(),
@@ -118,7 +117,7 @@ mod tests {
 
     use super::*;
 
-    /// A device that counts uploads, and that is lost after a number of views.
+    /// A device that counts uploads and is lost after a number of views.
     struct Fragile {
         uploads: Arc<AtomicUsize>,
         views_left: usize,

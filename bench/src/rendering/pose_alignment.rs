@@ -17,30 +17,27 @@ use sharp_metrics::Mask;
 use super::shared::{HOLE_ALPHA, SharedRenderer, surface_depth};
 use crate::pairs::depth::median_depth_m;
 
-/// Width of the last and largest picture, pixels, unless the target is narrower. Each earlier one is half as wide.
+/// Width of the last and largest picture, pixels, unless the target is narrower. Each earlier picture is half as wide.
 const WIDEST: u32 = 640;
 /// Minimum picture width, pixels.
 const NARROWEST: u32 = 60;
-/// Minimum low-pass for all pictures but the last, px², so that few Gaussians are smaller than a
-/// pixel.
+/// Minimum low-pass for all pictures but the last, px². It makes it unlikely that Gaussians are smaller than a pixel.
 const LOW_PASS: f32 = 0.3;
-/// The initial shift is searched for in a picture of at most this width (pixels), up to this share
-/// of the width.
+/// Search for the initial shift: maximum width of the picture, pixels, and maximum shift as a share of the width.
 const SHIFT: (u32, f64) = (160, 0.1);
-/// Maximum number of steps for each width and reach.
+/// Maximum number of steps per width and reach.
 const STEPS: usize = 20;
 /// Half the distance between the two renderings of a central difference, pixels.
 const REACH: f64 = 0.5;
-/// Reaches of the final rounds at the last width; with a smaller reach, single pixels have less
-/// effect.
+/// Reaches of the final rounds at the last width. A smaller reach lowers the effect of single pixels.
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
-/// No further steps are taken at a width after one smaller than this, pixels.
+/// Iteration at a width ends after a step smaller than this, pixels.
 const LAST_STEP: f64 = 0.01;
-/// Initial damping, and the damping above which no further step is tried.
+/// Initial damping, and maximum damping that is tried.
 const DAMPING: [f64; 2] = [1e-3, 1e3];
 
-/// Describes the procedure, for identities. This file defines the procedure, and the hash of this file is part of each
-/// method's code.
+/// Describes the procedure, for identities. The procedure is defined by this file, whose hash is part of each method's
+/// code.
 pub fn procedure() -> String {
     format!(
         "pose ({NARROWEST} to {WIDEST} px wide, at most {STEPS} steps each, until {LAST_STEP} px)"
@@ -73,8 +70,8 @@ struct Level<'a> {
     valid: Option<Vec<bool>>,
 }
 
-/// Moves a camera so that the rendering fits the photograph inside its mask, if given. The
-/// photograph has the size of `intrinsics`. The camera stays in place if nothing is drawn.
+/// Moves a camera so that the rendering fits the photograph inside its mask, if given. The photograph's size is that of
+/// `intrinsics`. The camera stays in place if nothing is drawn.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -141,7 +138,7 @@ impl Level<'_> {
         self.valid.as_ref().is_none_or(|valid| valid[pixel])
     }
 
-    /// The rotation that shifts the rendering by whole pixels to where it is closest to the
+    /// The rotation that corresponds to the shift by whole pixels after which the rendering is closest to the
     /// photograph.
     fn shifted(&self, output: &RenderOutput) -> DAffine3 {
         let shown = self.shown(output);
@@ -164,7 +161,7 @@ impl Level<'_> {
                     }
                 }
             }
-            // The overlap must not be small: a few pixels may be alike by chance.
+            // The overlap must be large, because a few pixels may be alike by chance.
             match 4 * count > width * height {
                 true => sum / f64::from(count),
                 false => f64::INFINITY,
@@ -189,8 +186,8 @@ impl Level<'_> {
         ])
     }
 
-    /// Takes steps until one is small; returns their number. Derivatives are differences over twice
-    /// `reach` pixels.
+    /// Takes steps until one is small enough; returns their number. Derivatives are differences over twice `reach`
+    /// pixels.
     fn fit(
         &self,
         loaded: &mut dyn LoadedScene,
@@ -252,7 +249,7 @@ impl Level<'_> {
         Ok(steps)
     }
 
-    /// The picture as scored, but not rounded to 8 bit.
+    /// The picture to be scored, but not rounded to 8 bit.
     fn shown(&self, output: &RenderOutput) -> Rgb32FImage {
         let mut picture = output.srgb(self.renderer.settings().background);
         for value in picture.iter_mut() {
@@ -269,7 +266,7 @@ impl Level<'_> {
             .sum()
     }
 
-    /// The products of the slopes with each other, and with the difference from the photograph.
+    /// The products of the derivatives with each other, and with the difference from the photograph.
     fn normal_equations(
         &self,
         shown: &Rgb32FImage,
@@ -336,7 +333,7 @@ fn at_width(whole: Intrinsics, width: u32) -> Intrinsics {
     whole.resized(width, (height.round() as u32).max(1))
 }
 
-/// Pixels to which only valid pixels contribute.
+/// Whether only valid pixels contribute, for each pixel of the smaller picture.
 fn shrunk_mask(valid: &Mask, to: Intrinsics) -> Vec<bool> {
     let (width, height) = valid.dimensions();
     let inside = |x: u32, y: u32| valid.values()[(y * width + x) as usize];

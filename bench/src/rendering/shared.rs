@@ -16,9 +16,8 @@ use sharp_datasets::DepthMap;
 /// A pixel with alpha below this counts as a hole, because it shows more background than surface.
 pub const HOLE_ALPHA: f32 = 0.5;
 
-/// Settings other than the backend that determine a rendering's pixels. The paper states none of
-/// them; the defaults are the release's, except that the release truncates when converting to 8
-/// bit.
+/// Settings other than the backend that determine a rendering's pixels. The paper states none of them. The defaults are
+/// the release's, except that the release truncates when converting to 8 bit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderSettings {
     /// Added to both diagonal entries of projected covariances, px², for Gaussians without their own rendering rule.

@@ -50,7 +50,7 @@ pub struct PairBoard<'a> {
 pub struct ReportDataset {
     /// Name as in the records: the user's choice, or the format by default.
     pub name: String,
-    /// Format that the dataset was read as; `None` if only its name is known.
+    /// Format as which the dataset was read; `None` if only its name is known.
     pub format: Option<String>,
     /// One line that describes the dataset and how much of it was read.
     pub description: String,
@@ -71,21 +71,20 @@ pub struct ReportMethod {
     pub description: String,
     /// Why this row has no rank (`it is the ground truth itself`); `None` if it is ranked.
     pub unranked: Option<String>,
-    /// Whether every real method is expected to beat this one.
+    /// Whether every real method is expected to beat this method.
     pub is_baseline: bool,
-    /// Whether plots and sheets show the method: `target` and `mean` stretch the axes, and are left out unless the user
-    /// lists them or there is nothing else.
+    /// Whether plots and sheets show the method. `target` and `mean` would stretch the axes, so they are left out
+    /// unless the user lists them or there is nothing else.
     pub is_plotted: bool,
     /// Kernel used to resize predictions of another size, if named.
     pub resize_kernel: Option<String>,
     /// Doubts about the method's predictions, shown next to the method's label below the first table.
     pub doubt: Option<String>,
-    /// Notes on the method, shown like `doubt`.
+    /// Notes on the method, shown next to `doubt`.
     pub note: Option<String>,
 }
 
 impl<'a> DatasetBoard<'a> {
-    /// The records of method number `method`.
     pub fn records_of(&self, method: usize) -> impl Iterator<Item = &'a Record> {
         let slots = self
             .pairs
@@ -99,8 +98,8 @@ impl<'a> Board<'a> {
     /// Arranges results.
     ///
     /// # Errors
-    /// If a pair has two records of one method, or two records of a pair disagree on its geometry:
-    /// means over them would be meaningless.
+    /// If a pair has two records of one method, or two records of a pair disagree on its geometry, because means would
+    /// be meaningless.
     pub fn of(results: &'a Results) -> Result<Self, ReportError> {
         let Results {
             manifest, records, ..
@@ -186,7 +185,7 @@ impl<'a> Board<'a> {
     }
 }
 
-/// The first difference in geometry between two records of a pair; geometry must not depend on the method.
+/// The first difference in geometry between two records of a pair. Geometry must not depend on the method.
 fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
     let facts = |r: &Record| {
         [
@@ -265,7 +264,7 @@ pub(super) fn proxies(
     let of_dataset = records.iter().filter(|r| r.dataset == dataset.name);
     let ids: BTreeSet<&str> = of_dataset.map(|record| record.pair_id.as_str()).collect();
     for list in &manifest.pairs.lists {
-        // A limited run does not record how many pairs of the list were selected.
+        // A limited run does not record how many pairs were selected, so assume very many.
         let selected = list.limit.map_or(ids.len(), |_| usize::MAX);
         let choices = list.choices.get(&dataset.name).into_iter();
         for proxy in choices.flat_map(|choices| choices.proxies(&dataset.format, selected)) {
@@ -294,7 +293,7 @@ impl ReportMethod {
         let notes = notes.cloned().collect();
         let doubts = doubts_of(of_method, &identity.kind, record.privilege.depth);
         let joined = |texts: Vec<String>| Some(texts.join("; ")).filter(|text| !text.is_empty());
-        // The value is, for example, "bicubic [a = -0.75, …]"; its name is enough for a footnote.
+        // The value is, for example, "bicubic [a = -0.75, …]"; the name is enough for a footnote.
         let kernel = identity.settings.get("resize");
         let kernel = kernel.and_then(|text| text.split(' ').next());
         Self {

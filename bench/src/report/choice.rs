@@ -5,10 +5,9 @@ use sharp_metrics::Direction;
 use super::board::{Board, PairBoard};
 use super::column::Column;
 
-/// At most `limit` pairs, each with the index of its dataset. The limit is divided equally among
-/// datasets, except those with too few pairs. Half of a dataset's share are its pairs with the
-/// largest `badness`. The other half are spread evenly over the rest if `evenly`, else have the
-/// smallest `badness`.
+/// At most `limit` pairs, each with the index of its dataset. The limit is divided equally among datasets, except those
+/// with too few pairs. Half of a dataset's share has the largest `badness`. The other half is spread over the remaining
+/// pairs if `evenly`, else has the smallest `badness`.
 pub(super) fn choose<'a>(
     board: &'a Board<'a>,
     limit: usize,
@@ -54,7 +53,7 @@ pub(super) fn choose<'a>(
     chosen
 }
 
-/// The pairs of a dataset from worst to best score, ties by id.
+/// The pairs of a dataset from worst to best score, then by id.
 pub(super) fn by_badness<'a>(
     board: &Board<'a>,
     pairs: &'a [PairBoard<'a>],
@@ -73,7 +72,8 @@ fn worst_first<'a>(
     order.into_iter().map(|(pair, _)| pair).collect()
 }
 
-/// The pairs where a method is worse than another in the first ranked metric, largest difference first, ties by id.
+/// The pairs on which one method is worse than another in the first ranked metric, largest difference first, then by
+/// id.
 pub(super) fn most_lost<'a>(
     pairs: &'a [PairBoard<'a>],
     metrics: &[Column],
@@ -96,8 +96,8 @@ pub(super) fn most_lost<'a>(
     worst_first
 }
 
-/// How bad a pair's scores are: the mean over the ranked methods of the first metric with finite
-/// scores, negated if higher is better.
+/// How bad a pair's scores are: the mean over the ranked methods in the first metric that has finite scores, negated if
+/// higher is better.
 pub(super) fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column]) -> f64 {
     let mean_of = |metric: &Column| {
         let sign = match metric.direction? {

@@ -77,17 +77,17 @@ pub struct Column {
     pub key: String,
     /// Name with variant and region, such as `SSIM gauss11 valid (frustum)`.
     pub label: String,
-    /// As `label`, but without a variant that is its family's default: `SSIM (frustum)`.
+    /// As `label`, but without the variant if it is the family's default: `SSIM (frustum)`.
     pub short: String,
     /// Unit such as `dB`; empty for a number without unit.
     pub unit: String,
-    /// Decimals shown; numbers are ranked after rounding to as many.
+    /// Decimals shown; numbers are ranked after rounding to as many decimals.
     pub decimals: usize,
     /// Whether higher or lower values are better; if `None`, values are not ranked.
     pub direction: Option<Direction>,
     /// How the number is computed, including everything that affects its value.
     pub convention: String,
-    /// Name of the network and SHA-256 of its weights; given only for weights other than the published ones.
+    /// Name of the network and SHA-256 of its weights; `None` for the published weights.
     pub stand_in: Option<String>,
 }
 
@@ -174,7 +174,7 @@ impl Column {
         }
     }
 
-    /// The least value that the metric can have, if it has one.
+    /// The metric's lower bound; `None` if it has none.
     pub(super) fn least(&self) -> Option<f64> {
         matches!(self.family(), "lpips" | "dists").then_some(0.0)
     }
@@ -184,7 +184,7 @@ impl Column {
         self.key.split(['[', '@']).next().unwrap_or_default()
     }
 
-    /// Column names in one table: short for default variants, unless another variant of the same family is also shown.
+    /// Column names in one table: short for a default variant, unless the table has another variant of the same family.
     pub fn names(columns: &[Self]) -> Vec<&str> {
         let names = columns.iter().map(|column| {
             let mut family = columns.iter().filter(|c| c.family() == column.family());

@@ -50,7 +50,6 @@ impl From<EvaluateError> for ReportError {
 }
 
 impl ReportError {
-    /// Creates [`Self::Absent`].
     pub fn absent<'a>(
         what: &'static str,
         name: &str,

@@ -87,9 +87,8 @@ pub fn absolute_error(
     }))
 }
 
-/// The error in colour, with `max` at the top of the scale, reduced to fit `side` pixels. Errors
-/// are averaged over the `scored` pixels before colouring; a reduced pixel is [`hatched`] if most
-/// of it is not scored.
+/// The error in colour, with `max` at the top of the scale, reduced to fit `side` pixels. Errors are averaged over the
+/// `scored` pixels before colouring. A reduced pixel is [`hatched`] if most of its pixels are not scored.
 ///
 /// # Errors
 /// If the sizes differ.
@@ -106,7 +105,7 @@ pub fn picture(
     }))
 }
 
-/// A reduced pixel is hatched if a smaller share of it is scored.
+/// Minimum share of scored pixels in a reduced pixel; below it, the pixel is hatched.
 const HALF: f32 = 0.5;
 
 /// Values in colour, averaged over the scored pixels and reduced to fit `side`; [`hatched`] if the share of scored
@@ -194,8 +193,8 @@ mod tests {
 
     #[test]
     fn the_scale_runs_from_black_to_pale_yellow_and_grows_lighter() {
-        // Inferno's ends are (0.001, 0.000, 0.014) and (0.988, 0.998, 0.645); the polynomials
-        // differ by up to 4/255.
+        // The ends of inferno are (0.001, 0.000, 0.014) and (0.988, 0.998, 0.645); the polynomials differ by up to
+        // 4/255.
         assert!(colour(0.0).0.iter().all(|c| *c <= 2), "{:?}", colour(0.0));
         let Rgb([r, g, b]) = colour(1.0);
         assert!(r.abs_diff(252) <= 4 && g.abs_diff(255) <= 4 && b.abs_diff(164) <= 4);

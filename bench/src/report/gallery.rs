@@ -33,7 +33,7 @@ const PROBES: usize = 5;
 /// Share of the budget to aim for, because sizes are estimates.
 const FILLED: f64 = 0.9;
 
-/// Kind of picture of a pair. Kinds for predictions come after those for the two views.
+/// Kind of picture of a pair. Kinds for predictions follow those for the two views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PictureKind {
     Source,
@@ -83,7 +83,6 @@ pub struct Gallery<'a> {
     pub side: u32,
 }
 
-/// A pair with its pictures.
 #[derive(Debug)]
 pub struct GalleryPair<'a> {
     /// Index of the pair's dataset in the board.
@@ -95,7 +94,6 @@ pub struct GalleryPair<'a> {
     pub methods: Vec<Option<GalleryPrediction<'a>>>,
 }
 
-/// A method's prediction of a pair.
 #[derive(Debug)]
 pub struct GalleryPrediction<'a> {
     pub record: &'a Record,
@@ -199,7 +197,7 @@ pub(super) fn file_name(picture: &Thumbnail) -> String {
 pub(super) const THUMBNAILS: &str = "thumbs";
 
 /// The longest side at which all pictures are likely to fit the budget, estimated from a few pairs of each dataset.
-/// Sizes grow roughly with the area; two more estimates correct the first.
+/// File sizes grow roughly with the area, so two more estimates correct the first.
 fn side<'a>(
     chosen: &[(usize, &'a PairBoard<'a>)],
     layout: Layout,

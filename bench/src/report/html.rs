@@ -1,9 +1,8 @@
 //! The report as a page that opens from disk, without server or network. Tables and plots are
 //! readable without scripts.
 //!
-//! The templates, the style and the scripts are in `bench/templates`. Untrusted text enters the
-//! page only through templates, which escape it, and as data, which the script shows as text. A
-//! content security policy forbids everything else.
+//! Templates, style and scripts are in `bench/templates`. Untrusted text enters the page only through templates, which
+//! escape it, or as data, which the script displays as text. A content security policy blocks everything else.
 
 use std::path::{Component, Path, PathBuf, absolute};
 
@@ -118,8 +117,7 @@ impl Page<'_> {
         self.gallery.has(kind)
     }
 
-    /// Link to the full prediction; `None` for a crop, because the page shows it at its position in
-    /// the target.
+    /// Link to the full prediction; `None` for a crop, because the page shows a crop at its position in the target.
     pub(super) fn full_path(&self, record: &Record) -> Option<String> {
         let kept = self.pictures.linked(record);
         self.link(&kept.filter(|_| record.crop.is_none())?)
@@ -213,7 +211,7 @@ fn encoded(part: &str) -> String {
     bytes.collect()
 }
 
-/// An SVG that uses the page's colours for paper, ink and grid, so that it follows the theme.
+/// An SVG that uses the page's colours for paper, ink and grid, so that it follows the page's theme.
 pub(crate) fn themed(svg: &str) -> String {
     let mut out = svg.to_owned();
     for (ink, variable) in [

@@ -22,7 +22,7 @@ const CITED: [(&str, &str); 6] = [
     ("eth3d", "schops2017multi"),
 ];
 
-/// Keys of `manifest.scoring` mentioned in the paragraph, with the beginnings of their sentences.
+/// Keys of `manifest.scoring` that the paragraph mentions, each with the beginning of its sentence.
 const CONVENTIONS: [(&str, &str); 5] = [
     ("prediction", "Predictions"),
     ("target", "Ground truth"),

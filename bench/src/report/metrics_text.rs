@@ -24,8 +24,7 @@ pub struct MethodsText {
     pub latex: String,
     /// BibTeX entries of the cited references.
     pub bibtex: String,
-    /// Networks whose weights are missing. In place of their hashes, the paragraph has a visible
-    /// gap.
+    /// Networks whose weights are missing. The paragraph has a visible gap in place of their hashes.
     pub missing: Vec<Backbone>,
 }
 
@@ -77,8 +76,8 @@ impl MethodsText {
     }
 }
 
-/// The metric's sentence from `metrics --explain`, with network and weights by hash, but without
-/// the list of equivalent code.
+/// The metric's sentence from `metrics --explain`, with network and weights by hash, and without the list of equivalent
+/// code.
 fn sentence(info: &MetricInfo) -> String {
     const COMPARED: [&str; 3] = ["Same as", "Not the same as", "With VGG16 the same as"];
     let name = match info.family {
@@ -102,7 +101,7 @@ fn sentence(info: &MetricInfo) -> String {
     format!("{name} (\\texttt{{{}}}): {said}.{weights}", info.key)
 }
 
-/// The network's weights by hash, or by torchvision's file name if they are its features.
+/// The network's weights by hash; by torchvision's file name if they are torchvision's features.
 fn backbone(info: &MetricInfo) -> String {
     let known = info.backbone.as_ref();
     let known = known.and_then(|b| Some((b, b.features_sha256.as_deref()?)));

@@ -7,7 +7,7 @@
 //! * [`board`]: results as a grid of pairs × methods; [`mod@column`]: a metric or a reported quantity; [`statistics`]:
 //!   mean, spread and coverage of a cell; [`facts`]: how the numbers were computed.
 //! * [`tables`]: tables in the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
-//! * [`paper`]: the paper's published numbers next to ours, never ranked with them; [`explain`]: why the two differ.
+//! * [`paper`]: the paper's published numbers next to ours, never ranked with ours; [`explain`]: why the two differ.
 //! * [`plots`]: baseline against metric, histogram of baselines; SVG, PNG and PDF.
 //! * [`pictures`]: pictures of records; [`error_map`]: prediction errors in false colour; [`view_maps`]: mask, depth
 //!   and coverage; [`gallery`]: the pairs shown on the page; `choice`: selects pairs if it cannot show all.

@@ -132,7 +132,7 @@ fn facts_of(facts: &Record) -> Vec<String> {
     facts.into_iter().flatten().collect()
 }
 
-/// How much worse B is on a pair, by metric; `None` if the page is not a comparison.
+/// How much worse method B is on a pair, by metric; `None` if the page is not a comparison.
 fn losses(page: &Page<'_>, facts: &Record) -> Option<Vec<Option<f64>>> {
     let of_pair = page
         .options

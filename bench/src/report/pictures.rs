@@ -24,9 +24,8 @@ use crate::io::view_hashes::lock;
 
 use super::error::MissingPicture;
 
-/// Pictures of records, 8-bit sRGB: source and target from the datasets, predictions from the run
-/// folder. If a kept file differs from the scored one, it is not shown but
-/// [listed](Self::not_scored).
+/// Pictures of records, 8-bit sRGB: source and target from the datasets, predictions from the run folder. A kept file
+/// that differs from the scored picture is not shown but [listed](Self::not_scored).
 pub struct ReportPictures<'a> {
     results: &'a Results,
     /// Scenes by dataset and id.
@@ -37,8 +36,7 @@ pub struct ReportPictures<'a> {
     /// Kept pictures by pair and method, so that each file is hashed once.
     kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
     not_scored: Mutex<BTreeSet<PathBuf>>,
-    /// The photographs that were read first, by address of their view. They are cached because a
-    /// view is in many pairs.
+    /// Cache of photographs by address of their view, because a view is in many pairs; not extended once full.
     photographs: Mutex<BTreeMap<usize, RgbImage>>,
 }
 
@@ -228,7 +226,7 @@ impl<'a> ReportPictures<'a> {
         };
         let linear = read_linear(&path).map_err(|error| self.unusable(error))?;
         let mut depth = read_map(&path).map_err(|error| self.unusable(error))?;
-        // The channel has accumulated depth: Σ w z.
+        // The channel contains accumulated depth, Σ w z.
         for (z, alpha) in depth.iter_mut().zip(linear.alpha.iter()) {
             *z = if *alpha > 0.0 { *z / alpha } else { 0.0 };
         }

@@ -132,9 +132,8 @@ pub fn histogram(
     figure(&title, caption, &[], &panels, print).map(Some)
 }
 
-/// Plots a metric against the baseline: the mean of each bin as a line, the sample standard
-/// deviation as a shade. A bin with a single sample has no shade. Lines and shades do not span
-/// empty bins. `None` if no method has a score of this metric.
+/// Plots a metric against the baseline: the mean of each bin as a line, the sample standard deviation (of two or more
+/// samples) as a shade. Neither spans empty bins. `None` if no method has a score of this metric.
 ///
 /// # Errors
 /// If the drawing library fails.
@@ -253,7 +252,7 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
                     let place = place.unwrap_or_default() as f64;
                     let style = style(*method);
                     for (i, value) in cell.scenes.iter().enumerate() {
-                        // Spread sideways by the golden ratio, so that neighbours do not hide each other.
+                        // Spread sideways by the golden ratio, so that neighbouring points do not hide each other.
                         let aside = (0.618 * i as f64).fract() - 0.5;
                         let at = (area.x.place(place + 0.5 * aside), area.y.place(*value));
                         surface.disc(at, 2.2, style.ink);
@@ -262,7 +261,7 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
                         continue;
                     };
                     let reach = spread.of(Uncertainty::Ci95);
-                    // Intervals over few scenes are so long that the points would shrink to a line.
+                    // Clamp, because intervals over few scenes are so long that the points would shrink to a line.
                     let ends = [mean - reach, mean + reach].map(|end| end.clamp(y.low, y.high));
                     let line = |from: (f64, f64), to: (f64, f64)| {
                         [from, to].map(|(x, value)| (area.x.place(x), area.y.place(value)))

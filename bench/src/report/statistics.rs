@@ -9,7 +9,6 @@ use crate::evaluate::record::{Record, Score, Status};
 
 use super::board::DatasetBoard;
 
-/// Statistics of a table cell.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CellStatistics {
     /// Number of pairs with a score.
@@ -95,8 +94,8 @@ impl Spread {
         }
     }
 
-    /// From the values that a mean weights equally, with their scenes, and the scenes' means. `None` for fewer than two
-    /// scenes or a value that is not finite.
+    /// `units` are the equally weighted values of a mean, with their scenes; `scenes` are the scenes' means. `None` for
+    /// fewer than two scenes or a value that is not finite.
     fn new(units: &[(&str, f64)], scenes: &[f64]) -> Option<Self> {
         let sd = sample_std(scenes)?;
         let clusters = Clusters::new(units.iter().map(|(scene, value)| (*scene, [0.0, *value])));

@@ -41,8 +41,8 @@ pub fn inverse_depth(depth: &DepthMap, side: u32) -> RgbImage {
     let end = |share: f64| known.get((share * last).round() as usize).copied();
     let (least, most) = end(BEYOND).zip(end(1.0 - BEYOND)).unwrap_or((0.0, 1.0));
     let is_known = |x, y| depth.get_pixel(x, y).0[0] > 0.0;
-    // Sparse maps may know only one pixel in twenty, so a reduced pixel is coloured if any of its
-    // pixels is known.
+    // Sparse maps may have depth in only one pixel of twenty, so a reduced pixel is coloured if any of its pixels has
+    // depth.
     averaged(inverse, is_known, f32::MIN_POSITIVE, side, |value| {
         let share = match most > least {
             true => (value - least) / (most - least),
@@ -72,8 +72,8 @@ mod tests {
         assert_eq!(picture.get_pixel(0, 0).0, turbo(1.0));
         assert_eq!(*picture.get_pixel(1, 0), hatched(1, 0));
         assert_eq!(picture.get_pixel(2, 0).0, turbo(0.0));
-        // Reduced to one pixel, only the known values count: the mean of 1 and 1/2 per metre, the
-        // middle of the scale.
+        // Reduced to one pixel, only the known values count: the mean of 1 and 1/2 per metre, which is the middle of
+        // the scale.
         let one = inverse_depth(&depth, 1);
         assert_eq!(one.get_pixel(0, 0).0, turbo(0.5));
         let unknown = inverse_depth(&DepthMap::new(1, 1), 10);

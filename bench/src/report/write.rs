@@ -30,7 +30,6 @@ use super::statistics::Uncertainty;
 use super::tables::{Table, build, remarks};
 use sharp_plots::Figure;
 
-/// Files of a report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReportFiles {
     /// The page to open.
@@ -59,11 +58,11 @@ const FOLDERS: [&str; 3] = ["tables", "plots", THUMBNAILS];
 
 /// Writes the report of some results, with source and target pictures from `scenes`: `index.html`, `report.md`,
 /// `tables/*.{md,csv,tex}`, `plots/*.{svg,png}`, `thumbs/*.jpg` unless the page embeds its pictures, and a list of
-/// these files in `files.txt`. Each file is written atomically. Obsolete files of an earlier report are removed; other
-/// files in the folder are kept. A folder that is neither empty nor a report is an error.
+/// these files in `files.txt`. Each file is written atomically. Removes obsolete files of an earlier report and keeps
+/// other files.
 ///
 /// # Errors
-/// If the folder contains other files, the results contradict each other, or a file cannot be written.
+/// If the folder is neither empty nor a report, the results contradict each other, or a file cannot be written.
 pub fn report(
     results: &Results,
     scenes: &[Scene],
@@ -153,7 +152,7 @@ pub fn report(
     files.push((MARKDOWN.into(), text.into_bytes()));
     files.push((PAGE.into(), page.render()?.into_bytes()));
     for (name, bytes) in &mut files {
-        // Escape characters that a reader's program would interpret.
+        // Escape characters that the reader's program would interpret.
         if !name.ends_with(".png")
             && let Ok(text) = str::from_utf8(bytes)
             && let Cow::Owned(harmless) = visible(text)
@@ -251,8 +250,7 @@ fn with_uncertainty(tables: &[Table], uncertainty: Option<Uncertainty>) -> Vec<T
         .collect()
 }
 
-/// The metrics to show, and their tables. The first table has a remark on why the other metrics are
-/// not shown.
+/// The metrics to show, and their tables. The first table has a remark on why other metrics are not shown.
 fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Table>) {
     let (metrics, remark) = remarks::scored(records, &board.metrics);
     let mut tables = build::of_scores(board, &metrics);
@@ -267,9 +265,8 @@ fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Tabl
     (metrics, tables)
 }
 
-/// Fails unless the folder is empty or a report: it has a page with our mark or, if the page is not
-/// yet written, a list that names it. Also fails if the report's subfolders are links. Dot files
-/// are ignored.
+/// Fails unless the folder is empty or a report: it has a page with our mark or, if the page is not yet written, a list
+/// that names the page. Also fails if the report's subfolders are links. Ignores dot files.
 fn check_folder(out: &Path) -> Result<(), FileError> {
     let refused = |path: &Path, reason: &str| {
         let reason = format!("{reason}; choose another folder with --out");
@@ -328,7 +325,7 @@ fn listed_earlier(list: &Path) -> Vec<String> {
     text.lines().filter(ours).map(str::to_owned).collect()
 }
 
-/// As text, the number of pairs measured here for datasets of the paper.
+/// As text, the number of pairs evaluated here for datasets of the paper.
 fn pairs_here(board: &Board<'_>) -> Option<String> {
     let datasets = board.datasets.iter();
     let of_paper = datasets.filter(|d| paper::column(&d.dataset).is_some());

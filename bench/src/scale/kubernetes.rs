@@ -12,7 +12,7 @@ pub struct Kubernetes {
     pub parallel: usize,
     /// Container image that includes `sharp-bench`.
     pub image: String,
-    /// Claim of the volume that holds the plan and the files that it reads.
+    /// Claim of the volume with the plan and the files that the plan reads.
     pub claim: String,
     /// Mount point of the volume; the plan's paths must be below it.
     pub mount: PathBuf,
@@ -44,8 +44,8 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
     }
     let (estimate, name) = planned(shards)?;
     let plan = quoted_path("plan", &shards.plan)?;
-    // The first process of a container gets SIGTERM; a shell does not forward it by itself. Units
-    // with recorded failures count as done.
+    // The shell, as a container's first process, must forward SIGTERM. A shard with recorded failures (exit code 4)
+    // counts as done.
     let script = format!(
         "sharp-bench --quiet run --plan {plan} --shard auto/{} --threads {} {} & run=$!; trap 'kill -TERM $run' TERM; \
          wait $run; code=$?; while kill -0 $run 2>/dev/null; do wait $run; code=$?; done; \

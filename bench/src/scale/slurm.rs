@@ -13,13 +13,12 @@ pub struct Slurm {
     pub binary: PathBuf,
     /// Whether pictures and scores run as separate arrays instead of one.
     pub stages_apart: bool,
-    /// sbatch options as (job, option). The job is pictures, score, all or merge; `every` stands
-    /// for each of them.
+    /// sbatch options as (job, option). The job is pictures, score, all or merge, or `every` for each of them.
     pub options: Vec<(String, String)>,
     pub out: PathBuf,
 }
 
-/// Valid jobs of an option.
+/// Valid values of JOB in `--sbatch JOB=OPTION`.
 const JOBS: [&str; 5] = ["pictures", "score", "all", "merge", "every"];
 
 /// Writes one script per stage, the merge script and `submit.sh`; returns their paths.
@@ -95,8 +94,8 @@ fn cost(estimate: &Estimate, job: &str) -> StageCost {
     }
 }
 
-/// Time to request: three times the expected time of a shard on half of its cores, at least 30 minutes. Unfinished
-/// shards are requeued.
+/// Time to request, minutes: three times the expected time of a shard on half of its cores, at least 30 minutes.
+/// Unfinished shards are requeued.
 fn minutes(cpu_secs: f64, shards: &Shards) -> u64 {
     let share = cpu_secs / shards.count as f64 / (shards.cpus as f64 / 2.0).max(1.0);
     (3.0 * share / 60.0).ceil().max(30.0) as u64

@@ -59,8 +59,7 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
         read(dir, "score.sbatch"),
         read(dir, "merge.sbatch"),
     );
-    // 9 GiB plus half of it. 2 h on one core, divided by 8 shards and by half of 4 cores, times
-    // three.
+    // 9 GiB plus half of it; 2 h on one core, divided by 8 shards and by half of 4 cores, times three.
     assert!(pictures.contains("#SBATCH --mem=14336M\n"), "{pictures}");
     assert!(
         pictures.contains("#SBATCH --time=30\n") && score.contains("#SBATCH --time=180\n"),
@@ -99,7 +98,7 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
         );
         assert!(!read(dir, name).contains("{{"), "{name}");
     }
-    // Our own files are overwritten, others are not.
+    // Our own files are overwritten, other files are not.
     slurm(&request).unwrap();
     std::fs::write(dir.join("jobs/submit.sh"), "mine").unwrap();
     assert!(slurm(&request).is_err());

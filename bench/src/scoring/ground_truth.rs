@@ -19,9 +19,9 @@ pub struct GroundTruth {
 
 #[derive(Debug, Default)]
 pub(crate) struct PairMasks {
-    /// Mask of the metrics `@frustum`.
+    /// Mask for the metrics with `@frustum`.
     pub(crate) frustum: Option<Mask>,
-    /// Mask of the metrics `@mask`; if `None`, the pixels that the dataset does not exclude.
+    /// Mask for the metrics with `@mask`; `None` for the pixels that the dataset does not exclude.
     pub(crate) given: Option<Mask>,
     pub(crate) border: Border,
 }
@@ -61,8 +61,7 @@ impl GroundTruth {
         share(&*region.crop_mask(self.valid.as_ref()?)?)
     }
 
-    /// Memory that [`score`](Self::score) needs for copies of a prediction, bytes: a crop, and floats if pixels are
-    /// excluded.
+    /// Memory that [`score`](Self::score) needs to copy a prediction, bytes: a crop, and floats if pixels are excluded.
     pub(crate) fn copied_bytes(&self) -> u64 {
         let pixels = u64::from(self.image.width()) * u64::from(self.image.height());
         pixels
@@ -72,14 +71,12 @@ impl GroundTruth {
             }
     }
 
-    /// Scores pictures, each covering a region or the whole target. Pictures of the same region
-    /// share each network's pass over the target. Errors are per picture and name neither file nor
-    /// pair.
+    /// Scores pictures, each of a region or the whole target. Pictures of the same region share each network's pass
+    /// over the target. Each picture has its own error, which names neither file nor pair.
     ///
-    /// Excluded pixels do not count: in both pictures they are filled with the mean colour of the
-    /// region's valid target pixels, and PSNR is computed over valid pixels only. Metrics with
-    /// `@mask` use the unfilled pictures, inside the given mask or, without one, at the pixels that
-    /// are not excluded.
+    /// Excluded pixels do not count: in both pictures they are filled with the mean colour of the region's valid target
+    /// pixels, and PSNR is computed over valid pixels only. Metrics with `@mask` use the unfilled pictures inside the
+    /// given mask or, without a mask, at the pixels that are not excluded.
     pub(crate) fn score(
         &self,
         scorer: &Scorer,
@@ -214,7 +211,7 @@ impl GroundTruth {
 /// The part of the target that a picture is compared with.
 struct Shown<'a> {
     truth: Picture,
-    /// The pixels that count, and the fill colour of the others in both pictures.
+    /// The pixels that count, and the colour that fills the others in both pictures.
     excluding: Option<(Cow<'a, Mask>, [f32; 3])>,
 }
 
@@ -361,7 +358,7 @@ mod tests {
             }
         }
         assert_eq!(scores(&truth, &other), before);
-        // The target's own values at excluded pixels do not matter either.
+        // The target's own values at excluded pixels do not count either.
         assert_eq!(
             scores(&GroundTruth::of(black, Some(&valid)), &other),
             before

@@ -75,7 +75,7 @@ impl Scoring {
         })
     }
 
-    /// The same metrics under other rules; shares the networks.
+    /// The same metrics under other rules, with the same loaded networks.
     #[must_use]
     pub fn under(&self, rules: ScoringRules) -> Self {
         let of = |metric: &ScoredMetric| {

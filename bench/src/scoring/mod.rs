@@ -1,4 +1,4 @@
-//! Scores predictions against ground truth. Apart from the method `target`, this is the only module that sees a
+//! Scores predictions against ground truth. Apart from the method `target`, this is the only module that uses a
 //! target's photograph.
 //!
 //! * [`ground_truth`]: a target's photograph and the pixels that count.

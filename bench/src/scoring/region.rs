@@ -61,7 +61,6 @@ impl Region {
         (self.width, self.height)
     }
 
-    /// Number of pixels.
     pub fn area(&self) -> usize {
         self.width as usize * self.height as usize
     }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Region;
 
-/// Selection of the compared pixels; part of the identity of every value that it changes.
+/// Selection of the compared pixels; part of the identity of every value that it affects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct ScoringRules {
     /// Meaning of `@mask`.

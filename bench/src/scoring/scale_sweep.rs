@@ -1,10 +1,9 @@
 //! Chooses the best of several scales, as the paper does for methods without metric scale (LVSM,
 //! SVC).
 //!
-//! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS
-//! score": the method renders each pair at several scales of the scene, and the picture closest to
-//! the target under DISTS is scored. This choice depends on the target; reports say so next to the
-//! numbers.
+//! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS score": the method
+//! renders each pair at several scales of the scene, and the picture closest to the target under DISTS is scored.
+//! Reports state next to the numbers that this choice uses the target.
 
 use sharp_metrics::{MetricKey, Picture, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 

@@ -9,7 +9,7 @@ use toml::Table;
 use super::TrainError;
 use crate::io::atomic_files::FileError;
 
-/// The text and the parsed form of a configuration file, changed by the overrides in `set`.
+/// The text and the parsed form of a configuration file, after applying the overrides in `set`.
 ///
 /// # Errors
 /// [`TrainError::Config`] if the file itself is invalid; [`TrainError::Set`] if an override is
@@ -65,7 +65,7 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
     let mut place = table;
     for name in names {
         let inner = place.entry(name).or_insert_with(|| Table::new().into());
-        // For example, `network.file` replaces the name of a network.
+        // For example, setting `network.file` when `network` is a name.
         if !inner.is_table() {
             *inner = Table::new().into();
         }
@@ -75,7 +75,7 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
     if chooses {
         place.clear();
     }
-    // A value that is not TOML is taken as text without quotes.
+    // A value that is not valid TOML is taken as text without quotes.
     let parsed = toml::from_str(&format!("value = {value}")).ok();
     let parsed = parsed.and_then(|mut table: Table| table.remove("value"));
     place.insert(last.to_owned(), parsed.unwrap_or_else(|| value.into()));

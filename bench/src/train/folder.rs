@@ -21,9 +21,8 @@ pub(super) struct TrainingFolder {
 const CONFIG: &str = "config.toml";
 
 impl TrainingFolder {
-    /// Creates the folder for a configuration, or opens one created with the same configuration.
-    /// The text is saved as `config.toml`. Keys that affect no result may differ; before the first
-    /// step, any key may.
+    /// Creates the folder for a configuration, or opens one created with the same configuration. Saves the text as
+    /// `config.toml`. Keys that affect no result may differ; before the first step, any key may.
     ///
     /// # Errors
     /// [`TrainError::OtherFolder`] if the folder contains other files, or a training run with another
@@ -76,8 +75,7 @@ impl TrainingFolder {
     }
 }
 
-/// True after the first step. Until then, changing the configuration (to fix a path, for instance)
-/// loses nothing.
+/// Whether the first step was made. Before it, changing the configuration (to fix a path, for instance) loses nothing.
 fn has_begun(root: &Path) -> bool {
     let log = read_text(&root.join("log.csv")).unwrap_or_default();
     log.lines().count() > 1 || root.join("checkpoints").exists()

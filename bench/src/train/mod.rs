@@ -88,8 +88,7 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
              values are about a hundred times as large and need a weight near 0.01"
         ));
     }
-    // The saved configuration names the bundled network, because the path of its file depends on where the program is
-    // installed.
+    // Save the name of the bundled network rather than its path, which depends on where the program is installed.
     let named = config
         .initial
         .as_deref()
@@ -135,10 +134,10 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     })
 }
 
-/// With VGG16, a perceptual loss of a larger weight outweighs all other losses together.
+/// Largest weight at which the perceptual loss with VGG16 does not outweigh all other losses.
 const VGG_WEIGHT_AT_MOST: f64 = 0.3;
 
-/// Number of steps per stage that are reported with loss and time.
+/// Number of steps per stage whose loss and time are reported.
 const MILESTONES: u64 = 50;
 
 /// Forwards the trainer's events to an observer, and the weights to the validation.
@@ -150,8 +149,8 @@ struct Watching<'a> {
     /// The stage whose progress is currently displayed.
     phase: Option<Stage>,
     validated: Vec<(String, f64)>,
-    /// Set after a validation. The page is rewritten at the next step, because by then the log has
-    /// the validation's values.
+    /// Set after a validation. The page is rewritten at the next step, because the log has the validation's values only
+    /// then.
     page_due: bool,
 }
 

@@ -1,5 +1,5 @@
-//! A page with the progress of a training run, which opens from disk: curves from the run's logs,
-//! samples from its last validation.
+//! A page with the progress of a training run, which opens from disk: curves from the run's logs, and samples from its
+//! last validation.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ use sharp_plots::curves::{Banded, curve, shade, vertical};
 use sharp_plots::palette::{stroke, style};
 use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure, point};
 
-/// Maximum number of intervals of a curve; values are averaged within each.
+/// Maximum number of intervals of a curve; values are averaged within each interval.
 const STRETCHES: usize = 30;
 /// Maximum number of pairs shown.
 const SAMPLES: usize = 8;
@@ -37,7 +37,7 @@ struct TrainPage {
     /// Tiles with a label and a number.
     tiles: Vec<(&'static str, String)>,
     figures: Vec<Figure>,
-    /// Per stage: its number, steps, median seconds per step, hours.
+    /// For each stage: its number, steps, median seconds per step, hours.
     stages: Vec<[String; 4]>,
     samples: Vec<Sample>,
     perceptual_network: Option<&'static str>,

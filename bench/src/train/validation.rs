@@ -38,7 +38,7 @@ impl ValidationRequest {
     /// Default dataset: eight procedural scenes.
     pub const DATASET: &'static str =
         "Validation:synthetic=world=varied,seed=900000,scenes=8,size=256x256";
-    /// Default number of pairs: one of each scene of [`Self::DATASET`].
+    /// Default number of pairs: one from each scene of [`Self::DATASET`].
     pub const PAIRS: usize = 8;
 }
 
@@ -94,7 +94,7 @@ impl Validation {
         }
         let path = folder.root().join("validation-pairs.csv");
         let list = PairList::new(&path, chosen.iter().map(|pair| pair.pair.clone()).collect());
-        // Before the first measurement, there is no curve that other pairs could distort.
+        // Before the first measurement there is no curve, so other pairs are allowed.
         let curve = read_text(&folder.root().join("validation.csv")).unwrap_or_default();
         if curve.lines().count() > 1 && PairList::read(&path)?.sha256 != list.sha256 {
             return Err(TrainError::OtherFolder {
@@ -152,14 +152,14 @@ impl Validation {
     }
 }
 
-/// A folder of photographs of which the second stage uses only a part.
+/// A folder of photographs, only a part of which is used by the second stage.
 struct SplitPhotographs {
     folder: PathBuf,
     held_out: Vec<PathBuf>,
 }
 
 impl SplitPhotographs {
-    /// `None` if no folder is split.
+    /// `None` if the configuration splits no folder.
     fn of(config: &TrainingConfig) -> Result<Option<Self>, TrainError> {
         let (1.., TrainingData::Split(split)) = (config.stage2.steps, &config.stage2.data) else {
             return Ok(None);
@@ -249,8 +249,8 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
     Ok(means)
 }
 
-/// Ignores stop requests during a validation: a validation is short, and the checkpoint of its step is written only
-/// afterwards.
+/// Ignores stop requests during a validation, because a validation is short and the checkpoint of its step is written
+/// only afterwards.
 struct Unstopped<'a>(&'a dyn Observer);
 
 impl Observer for Unstopped<'_> {

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use sharp::random::{SplitMix64, mix};
 use sharp_statistics::{ALPHA, Clusters, Inference, NoInference, Resampling, infer};
 
-/// Standard deviation of a pair's difference around its scene's, and of scenes around the true
-/// mean, as a fraction of the score.
+/// Standard deviations as a fraction of the score: of a pair's difference around its scene's, and of scenes around the
+/// true mean.
 const PAIR_NOISE: f64 = 0.05;
 const SCENE_NOISE: f64 = 0.02;
 /// Size of a simulated change on every second scene.
@@ -22,7 +22,7 @@ const SHIFT: f64 = 0.02;
 #[derive(Clone, Copy)]
 enum Scenes {
     Normal,
-    /// A shifted exponential: a few scenes change much.
+    /// A shifted exponential: most scenes change a little, a few change much.
     Skewed,
     /// Every second scene varies three times as much as the others.
     Uneven,
@@ -52,7 +52,7 @@ impl Design {
     }
 }
 
-/// The designs that the method is built for; the bounds hold for all of them.
+/// The designs that the method is meant for; the bounds hold for all of them.
 fn regular() -> Vec<Design> {
     let one_large = |n: usize| {
         (0..n)

@@ -7,12 +7,12 @@ use crate::distributions::{normal_quantile, normal_tail};
 use crate::numeric::root;
 use crate::resampling::Resampling;
 
-/// Means of resampled clusters, corrected for bias and acceleration (Efron, "Better bootstrap confidence intervals", JASA
-/// 1987). Whole clusters are drawn with replacement, as many as there are.
+/// Means of resampled clusters, corrected for bias and acceleration (Efron, "Better bootstrap confidence intervals",
+/// JASA 1987). Each resample draws as many whole clusters as there are, with replacement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bootstrap {
     means: Vec<f64>,
-    /// Efron's z₀: the normal quantile of the share of means below the observed one, ties counted half.
+    /// Efron's z₀: the normal quantile of the share of means below the observed one; ties count half.
     pub bias: f64,
     /// Efron's a, from the leave-one-cluster-out means.
     pub acceleration: f64,
@@ -36,7 +36,7 @@ impl Bootstrap {
         let (observed, rounding) = (sample.mean(), sample.rounding() / sample.n_pairs() as f64);
         let below = means.partition_point(|m| *m < observed - rounding);
         let not_above = means.partition_point(|m| *m <= observed + rounding);
-        // At least half a mean on either side, so that the quantile is finite.
+        // Keep at least half a mean on either side, so that the quantile is finite.
         let twice = (below + not_above).clamp(1, 2 * means.len() - 1);
         let share = twice as f64 / (2 * means.len()) as f64;
         Self {
@@ -57,8 +57,7 @@ impl Bootstrap {
         (self.end(z), self.end(-z))
     }
 
-    /// The smallest level at which the interval excludes zero; 0 if all resampled means are on one
-    /// side of zero.
+    /// The smallest level at which the interval excludes zero; 0 if all resampled means have the same sign.
     pub fn p(&self) -> f64 {
         const FARTHEST: f64 = 37.0;
         let centre = self.end(0.0);
@@ -72,7 +71,7 @@ impl Bootstrap {
         2.0 * normal_tail(root(0.0, FARTHEST, |z| self.end(side * z)))
     }
 
-    /// The end of an interval at the normal quantile `z`.
+    /// The end of an interval that corresponds to the normal quantile `z`.
     fn end(&self, z: f64) -> f64 {
         let shifted = self.bias + z;
         let stretch = 1.0 - self.acceleration * shifted;
@@ -90,7 +89,7 @@ impl Bootstrap {
     }
 }
 
-/// Σ l³ / (6 (Σ l²)^1.5), where l is how much leaving out a cluster lowers the mean.
+/// Σ l³ / (6 (Σ l²)^1.5), where l is the decrease of the mean if a cluster is left out.
 fn acceleration(sample: &Clusters) -> f64 {
     let all = sample.n_pairs() as f64;
     let without = sample

@@ -2,22 +2,22 @@
 
 use std::collections::BTreeMap;
 
-/// Sums over one cluster, a group of pairs that depend on each other.
+/// Sums over one cluster, a group of pairs that are not independent.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Cluster {
     /// Sum of the differences.
     pub(crate) sum: f64,
     /// Sum of the squared differences.
     pub(crate) squares: f64,
-    /// Number of pairs; an integer.
+    /// Number of pairs, an integer.
     pub(crate) pairs: f64,
 }
 
 /// The scores of one dataset's pairs on side A and on side B, by cluster; differences are B − A.
 ///
-/// A pair without a score on both sides must be left out, and should be counted in the output. Two
-/// equal scores differ by zero, even if infinite (the PSNR of two identical pictures). A score that
-/// is infinite on only one side makes the mean infinite; NaN makes it NaN.
+/// A pair without a score on both sides must be left out, and should be counted in the output. Equal scores have a
+/// difference of zero, even if infinite (the PSNR of identical pictures). A score that is infinite on only one side
+/// makes the mean infinite; NaN makes it NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clusters {
     clusters: Vec<Cluster>,
@@ -95,10 +95,10 @@ impl Clusters {
         self.all_equal
     }
 
-    /// The number of clusters of equal size that would carry as much information: (Σn)² / Σn² for
-    /// clusters of n pairs. This is the effective number of Carter, Schnepel and Steigerwald
-    /// ("Asymptotic behavior of a t-test robust to cluster heterogeneity", Review of Economics and
-    /// Statistics, 2017) for a mean over pairs whose differences are equal within each cluster.
+    /// The number of clusters of equal size that would contain as much information: (Σn)² / Σn² for clusters of n
+    /// pairs. This is the effective number of Carter, Schnepel and Steigerwald ("Asymptotic behavior of a t-test robust
+    /// to cluster heterogeneity", Review of Economics and Statistics, 2017) for a mean over pairs whose differences are
+    /// equal within each cluster.
     pub fn effective_clusters(&self) -> f64 {
         let squares: f64 = self.clusters.iter().map(|c| c.pairs * c.pairs).sum();
         (self.n_pairs as f64).powi(2) / squares
@@ -124,8 +124,7 @@ impl Clusters {
         self.clusters.iter().map(move |c| c.sum - mean * c.pairs)
     }
 
-    /// Whether all clusters have the same mean up to rounding: their spread then cannot be
-    /// estimated.
+    /// Whether all clusters have the same mean up to rounding, so that their spread cannot be estimated.
     pub(crate) fn without_spread(&self) -> bool {
         self.residuals().all(|r| r.abs() <= self.rounding())
     }

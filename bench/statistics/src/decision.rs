@@ -28,9 +28,8 @@ pub enum Verdict {
     Inconclusive,
 }
 
-/// The verdict that a mean difference supports. Significance uses the corrected p. A difference can
-/// be significant and still too small to matter: `practical` is the largest magnitude that does not
-/// matter.
+/// The verdict that a mean difference supports. Significance is judged by the corrected p. A significant difference may
+/// still be too small to matter: `practical` is the largest magnitude that does not matter.
 pub fn verdict(
     inference: Option<&Inference>,
     p_corrected: Option<f64>,

@@ -33,8 +33,8 @@ pub fn t_two_sided(t: f64, degrees_of_freedom: f64) -> f64 {
     // T = √ν cot ψ with the density of ψ proportional to sin^(ν−1) ψ.
     let root = degrees_of_freedom.sqrt();
     let below = |end: f64| {
-        // Farther from the end, the density is below e⁻⁴⁴ of its value there: it falls as fast as a
-        // normal density, and faster than at the end.
+        // Beyond this, the density is below e⁻⁴⁴ of its value at the end: it falls as fast as a normal density, and
+        // faster than at the end.
         let reach = (9.5 / root).min(45.0 * end.tan() / (degrees_of_freedom - 1.0).max(1e-9));
         let start = (end - reach).max(0.0);
         integrate(end - start, |v| {
@@ -50,9 +50,8 @@ pub fn t_critical(alpha: f64, degrees_of_freedom: f64) -> f64 {
     root(-20.0, 40.0, |log| tail(log).ln() - alpha.ln()).exp()
 }
 
-/// The true mean, in standard errors, that the two-sided t test at level `alpha` detects with
-/// probability `power`: the noncentrality at which |T| exceeds its critical value with that
-/// probability.
+/// The true mean, in standard errors, that the two-sided t test at level `alpha` detects with probability `power`: the
+/// noncentrality at which |T| exceeds its critical value with that probability.
 pub fn detectable_shift(power: f64, alpha: f64, degrees_of_freedom: f64) -> f64 {
     let nu = degrees_of_freedom;
     let critical = t_critical(alpha, nu);
@@ -89,8 +88,8 @@ mod tests {
         );
     }
 
-    // References were computed with scipy 1.17.1; those of `detectable_shift` with its quadrature,
-    // and confirmed by statsmodels 0.15.
+    // References were computed with scipy 1.17.1. Those of `detectable_shift` were computed with scipy's quadrature and
+    // confirmed with statsmodels 0.15.
 
     #[test]
     fn normal() {

@@ -9,7 +9,7 @@ use crate::jackknife::Jackknife;
 use crate::resampling::Resampling;
 use crate::sign_flip::SignFlip;
 
-/// The level of every test and interval.
+/// Significance level of every test; intervals are at 1 − `ALPHA`.
 pub const ALPHA: f64 = 0.05;
 /// The power at which a difference counts as detectable.
 pub const POWER: f64 = 0.8;
@@ -37,20 +37,20 @@ pub struct Inference {
     /// Two-sided p for the hypothesis that the mean is zero. It is below 0.05 if and only if the
     /// interval excludes zero.
     pub p: f64,
-    /// Standard error by the cluster jackknife, whatever the procedure; 0 if all clusters differ by the same amount.
+    /// Standard error by the cluster jackknife, for every procedure; 0 if all clusters differ by the same amount.
     pub standard_error: f64,
     /// Degrees of freedom of the standard error; NaN if that is 0.
     pub degrees_of_freedom: f64,
     pub n_pairs: usize,
     pub n_clusters: usize,
     pub procedure: Procedure,
-    /// The sign-flip test, which does not assume a normal distribution. It is shown next to the p
-    /// of a single dataset, with the floor below which its own p cannot fall. `None` for several
-    /// datasets, because it would treat the differences between them as noise.
+    /// The sign-flip test, which does not assume a normal distribution. It is shown next to the p of a single dataset,
+    /// together with the smallest p that it can give. `None` for several datasets, because it would treat the
+    /// differences between them as noise.
     pub sign_flip: Option<SignFlip>,
 }
 
-/// Why only a mean can be given.
+/// Why there is no interval and no p.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NoInference {
     #[error("no pairs")]
@@ -66,8 +66,8 @@ pub enum NoInference {
     NoSpread,
 }
 
-/// Mean difference over datasets, all with equal weight whatever their numbers of pairs: interval,
-/// p and detectable difference, by the rule in the [crate's documentation](crate).
+/// Mean difference over datasets, which all have equal weight whatever their numbers of pairs: interval, p and
+/// detectable difference, by the rule in the [crate's documentation](crate).
 pub fn infer(datasets: &[&Clusters], resampling: Resampling) -> Result<Inference, NoInference> {
     if datasets.is_empty() || datasets.iter().any(|d| d.n_pairs() == 0) {
         return Err(NoInference::NoPairs);
@@ -123,7 +123,7 @@ pub fn infer(datasets: &[&Clusters], resampling: Resampling) -> Result<Inference
 }
 
 impl Inference {
-    /// The smallest true mean that a t test at the 5 % level finds with 80 % power, given the observed spread between
+    /// The smallest true mean that a t test at the 5 % level detects with 80 % power, given the observed spread between
     /// clusters; NaN without a spread.
     pub fn detectable(&self) -> f64 {
         if self.standard_error > 0.0 {
@@ -147,8 +147,8 @@ fn standard_error(datasets: &[&Clusters]) -> (f64, f64) {
     (variance.sqrt() / number, degrees_of_freedom)
 }
 
-/// The sign-flip p if all clusters of a dataset have the same difference: a mean as far from zero
-/// requires that either every sign is kept, or every one is flipped.
+/// The sign-flip p if all clusters of a dataset have the same difference. A mean as far from zero as the observed one
+/// occurs only if either every sign is kept or every sign is flipped.
 fn p_without_spread(datasets: &[&Clusters]) -> Result<f64, NoInference> {
     let moved = || datasets.iter().filter(|d| !d.all_equal());
     if moved().any(|d| d.mean() > 0.0) && moved().any(|d| d.mean() < 0.0) {

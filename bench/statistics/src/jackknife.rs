@@ -12,11 +12,11 @@ use crate::numeric::{integrate, root};
 pub struct Jackknife {
     /// The estimator CV3: (G − 1)/G Σ (mean without cluster g − mean)², for G clusters.
     pub variance: f64,
-    /// Degrees of freedom of the t distribution that mean / √variance is compared with: G − 1 for clusters of equal
-    /// size. For unequal sizes, chosen so that Student's t has the exact statistic's critical value at the 5 % level,
-    /// assuming normal cluster means. The smaller of two results is used: one assumes the same variance for all
-    /// clusters; the other uses the estimated variances of clusters and of their pairs, which are unreliable for few
-    /// clusters.
+    /// Degrees of freedom of the t distribution with which mean / √variance is compared: G − 1 for clusters of equal
+    /// size. For unequal sizes, they are chosen so that Student's t has the critical value of the exact statistic at
+    /// the 5 % level, assuming normal cluster means. The smaller of two results is used: one assumes the same variance
+    /// for all clusters, the other uses the estimated variances of clusters and of their pairs, which are unreliable
+    /// for few clusters.
     pub degrees_of_freedom: f64,
 }
 
@@ -48,13 +48,13 @@ fn degrees_of_freedom(sample: &Clusters) -> f64 {
     }
     let fitted = |variances: &[f64]| {
         let statistic = Statistic::new(sample, variances);
-        // Far out, the tail of many clusters underflows to zero.
+        // For large arguments, the tail for many clusters underflows to zero.
         let tail = |log: f64| statistic.two_sided(log.exp()).max(f64::MIN_POSITIVE);
         let excess = |log: f64| tail(log).ln() - FITTED_AT.ln();
         let critical = root(-2.0, 8.0, excess).exp();
         let tail = |log: f64| t_two_sided(critical, log.exp()).max(f64::MIN_POSITIVE);
         let excess = |log: f64| tail(log).ln() - FITTED_AT.ln();
-        // With one large cluster among many, the critical value may be below the normal's; the
+        // With one large cluster among many, the critical value may be below that of the normal distribution; the
         // result is then the upper bound.
         root(-2.0, MOST_DEGREES.ln(), excess).exp()
     };
@@ -72,7 +72,7 @@ fn estimated_variances(sample: &Clusters) -> Vec<f64> {
     let sum_within = clusters
         .iter()
         .map(|c| (c.squares - c.sum * c.sum / c.pairs).max(0.0));
-    // Unequal sizes: some cluster has more than one pair.
+    // Sizes are unequal, so some cluster has more than one pair.
     let within = sum_within.sum::<f64>() / (sample.n_pairs() as f64 - n);
     let means = || clusters.iter().map(|c| c.sum / c.pairs);
     let centre = means().sum::<f64>() / n;
@@ -160,7 +160,7 @@ impl Statistic {
 mod tests {
     use super::*;
 
-    /// All pairs of a cluster have the same difference, so only clusters vary.
+    /// All pairs of a cluster have the same difference, so only the clusters' means vary.
     fn constant(sizes: &[usize]) -> Clusters {
         let pairs = sizes.iter().enumerate().flat_map(|(cluster, size)| {
             let mean = [3.0, 1.0, 4.0, 1.5, 9.0][cluster % 5];

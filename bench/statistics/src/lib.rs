@@ -15,8 +15,8 @@
 //! | every cluster of a dataset differs by the same amount | sign flips: p = 2/2^G for G clusters, no bounds if that is above 0.05 |
 //! | a dataset with one cluster, or a difference that is not finite | none |
 //!
-//! p and interval never contradict each other: p is below 0.05 exactly if the interval excludes zero, because either
-//! both are computed from one statistic, or each is the more conservative of the same two.
+//! p and interval never contradict each other: p is below 0.05 if and only if the interval excludes zero, because
+//! either both are computed from one statistic, or each is the more conservative of the same two.
 //!
 //! * **CV3.** MacKinnon, Nielsen and Webb ("Fast and reliable jackknife and bootstrap methods for cluster-robust
 //!   inference", Journal of Applied Econometrics 38, 2023; "Cluster-robust inference: a guide to empirical practice",
@@ -34,9 +34,9 @@
 //!   with its floor: with seven clusters its p is never below 2/2⁷ = 0.0156, and with five or fewer never below 0.05. A
 //!   t test's p below that floor relies on cluster means being about normal. One cluster alone can never make a
 //!   difference significant: moving it raises the standard error by as much.
-//! * **Several datasets** always use the t test: sign flips would take the difference between datasets for noise.
+//! * **Several datasets** always use the t test, because sign flips would treat differences between datasets as noise.
 //!
-//! `reports/statistics.md` has the error rates of all this in simulations.
+//! `reports/statistics.md` has the error rates of these procedures in simulations.
 //!
 //! # Special cases
 //! | input | answer |

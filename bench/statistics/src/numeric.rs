@@ -1,4 +1,4 @@
-//! The means, quadrature and root finding that the distributions here need.
+//! Means, quadrature and root finding, as needed by the distributions.
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::LazyLock;
@@ -19,8 +19,8 @@ pub fn sample_std(values: &[f64]) -> Option<f64> {
 }
 
 /// ∫ f over a..b by the tanh–sinh rule (Takahasi and Mori, "Double exponential formulas for numerical integration",
-/// 1974): close to full precision for functions that are analytic inside the interval, whatever they do at its ends.
-/// `f` takes the distance from `a`, which stays exact even if tiny.
+/// 1974): close to full precision for functions that are analytic inside the interval, whatever their behaviour at its
+/// ends. `f` takes the distance from `a`, which is exact even if tiny.
 pub(crate) fn integrate(length: f64, f: impl Fn(f64) -> f64) -> f64 {
     /// Nodes in 0..1 and their weights.
     static NODES: LazyLock<[(f64, f64); 125]> = LazyLock::new(|| {
@@ -42,8 +42,8 @@ pub(crate) fn integrate(length: f64, f: impl Fn(f64) -> f64) -> f64 {
     length * parts.sum::<f64>()
 }
 
-/// The point where `f` changes sign between `low` and `high`, to 13 digits: false position with Illinois' halving
-/// (Dowell and Jarratt, 1971). Without a sign change, the end where `f` is closer to zero.
+/// The point between `low` and `high` at which `f` changes sign, to 13 digits: false position with Illinois' halving
+/// (Dowell and Jarratt, 1971). Without a sign change, the end at which `f` is closer to zero.
 pub(crate) fn root(low: f64, high: f64, f: impl Fn(f64) -> f64) -> f64 {
     let (mut a, mut b) = (low, high);
     let (mut f_a, mut f_b) = (f(a), f(b));

@@ -52,7 +52,7 @@ mod tests {
         };
         let mut stream = resampling.stream(3);
         let first: [u64; 3] = std::array::from_fn(|_| stream.next_u64());
-        // From a Python implementation of the documented rule.
+        // Computed by a Python implementation of the documented rule.
         let known = [
             0x0A29_F358_F443_2DB7,
             0x88FF_1F47_9CDD_BDF0,

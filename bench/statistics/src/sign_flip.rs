@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use crate::clusters::Clusters;
 use crate::resampling::Resampling;
 
-/// With more clusters than this, sign patterns are sampled instead of enumerated (2¹³ patterns).
+/// Maximum number of clusters whose sign patterns (2¹³) are enumerated rather than sampled.
 pub(crate) const MOST_ENUMERATED: usize = 14;
 
 /// Sign-flip test of the clusters' differences. It is exact if each cluster's sum of (difference −
@@ -14,11 +14,11 @@ pub(crate) const MOST_ENUMERATED: usize = 14;
 /// group invariance assumption", JASA 1990.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SignFlip {
-    /// Share of sign patterns whose mean is at least as far from zero as the observed one: of all
-    /// patterns if enumerated, else of the drawn patterns and the observed one.
+    /// Share of sign patterns whose mean is at least as far from zero as the observed one: among all patterns if they
+    /// are enumerated, else among the drawn patterns and the observed one.
     pub p: f64,
-    /// The smallest possible `p` for this number of clusters: 2/2^G if enumerated, so that no sign test is significant
-    /// at 5 % with fewer than six.
+    /// The smallest possible `p` for this number of clusters: 2/2^G if patterns are enumerated, so no test with fewer
+    /// than six clusters is significant at 5 %.
     pub floor: f64,
     /// How patterns were drawn; `None` if all were enumerated.
     pub resampling: Option<Resampling>,
@@ -72,8 +72,8 @@ impl SignFlip {
         }
     }
 
-    /// All true means that the test does not reject at level `alpha`: contains zero exactly if `p` ≥ `alpha`. Infinite
-    /// if `alpha` is not above the floor.
+    /// All true means that the test does not reject at level `alpha`. Contains zero if and only if `p` ≥ `alpha`;
+    /// infinite if `alpha` is not above the floor.
     pub fn interval(&self, alpha: f64) -> (f64, f64) {
         let total = self.highs.len();
         // A mean is inside if at least this many patterns are consistent with it.

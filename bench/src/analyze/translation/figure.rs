@@ -1,4 +1,4 @@
-//! Plots each metric against the shift. The mean image is a line that no small shift should reach.
+//! Plots each metric against the shift. For comparison, a line marks the score of the mean image.
 
 use crate::report::column::Column;
 use sharp_plots::Figure;

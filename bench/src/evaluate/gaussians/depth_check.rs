@@ -6,25 +6,23 @@ use sharp_datasets::DepthMap;
 
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 
-/// Rendered depth counts as inverse depth if the ratio of true to rendered depth varies this many
-/// times as much as their product.
+/// Rendered depth counts as inverse depth if its ratio to true depth varies at least this many times as much as their
+/// product.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
-/// A depth factor may indicate another unit only from this value on; predictions without a unit are
-/// off by less.
+/// Minimum depth factor that may indicate another unit. Predictions without a unit are off by less.
 const LEAST_FACTOR: f64 = 1.5;
-/// The factor's logarithm must be at least this many times the spread of depth ratios, which
-/// prediction errors cause.
+/// Minimum ratio of the factor's logarithm to the spread of depth ratios, which is due to prediction errors.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
 /// Minimum number of pixels on which ray lengths are compared.
 const FEWEST_RAYS: usize = 300;
-/// Minimum spread of the logarithms of depth ratios that ray lengths may explain; in a narrow field of view, they hardly
-/// differ.
+/// Minimum spread of the logarithms of depth ratios that may be due to ray lengths. In a narrow field of view, ray
+/// lengths hardly differ.
 const LEAST_SPREAD: f64 = 0.01;
-/// Maximum share of that spread that may remain if ray lengths explain it.
+/// Maximum share of that spread that may remain after correcting for ray lengths.
 const LEFT_BY_RAYS: f64 = 0.4;
 
-/// Warns if rendered depth has another unit than true depth, is inverse depth, or is related to it as lengths of rays
-/// are, unless prediction errors explain this. For another unit, also returns the ratio of rendered to true depth.
+/// Warns if the rendered depth has another unit than the true depth, is inverse depth, or is confused with ray length,
+/// unless prediction errors explain the difference. For another unit, also returns the ratio of rendered to true depth.
 pub(super) fn depth_doubt(
     truth: &DepthMap,
     seen: &DepthMap,
@@ -70,16 +68,16 @@ pub(super) fn depth_doubt(
     for (of_ray, what) in [
         (
             1.0,
-            "too far away towards the picture's edges by the factor √(1 + x² + y²): lengths of rays were probably taken as \
-             depths",
+            "too far away towards the picture's edges by the factor √(1 + x² + y²): ray lengths were probably \
+             mistaken for depths",
         ),
         (
             -1.0,
-            "too near towards the picture's edges by the factor √(1 + x² + y²): depths were probably taken as lengths of \
-             rays",
+            "too near towards the picture's edges by the factor √(1 + x² + y²): depths were probably mistaken for \
+             ray lengths",
         ),
     ] {
-        // The full correction must leave less spread than none, half of it, or more than all of it.
+        // Correcting fully must leave less spread than no correction, half of it, or one and a half times as much.
         let left = |share: f64| Some(middle_and_spread(1.0, share * of_ray)?.1);
         let (half, own, more) = (left(0.5)?, left(1.0)?, left(1.5)?);
         let is_ray = spread >= LEAST_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);

@@ -15,17 +15,18 @@ const LEAST_ALPHA: f64 = 1.0 / 255.0;
 /// The projection is linearised up to this distance outside the picture, as a fraction of its sides.
 const MARGIN: f64 = 0.15;
 
-/// Columns and rows of the parts of a picture that are empty or not.
+/// Columns and rows of the grid whose empty parts are found.
 const PARTS: (u32, u32) = (8, 6);
 /// A part is empty if at most this share of it is covered.
 const MOST_COVERED: f64 = 0.02;
-/// Minimum share of a picture that is missing.
+/// Minimum share of a picture that counts as missing.
 const LEAST_MISSING: f64 = 0.3;
 /// Minimum share of a picture's detail in empty parts. A sky or a plain background, where Gaussians may be missing on
 /// purpose, has hardly any.
 const LEAST_DETAIL: f64 = 0.2;
 
-/// The share of a photograph that Gaussians with this alpha leave empty, if it is large, connected and full of detail.
+/// The share of a photograph that Gaussians with this alpha leave empty; `None` unless it is large, connected and full
+/// of detail.
 pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -> Option<f64> {
     let (width, height) = photograph.dimensions();
     let mut parts = [(0.0, 0.0, 0.0); (PARTS.0 * PARTS.1) as usize];
@@ -37,8 +38,7 @@ pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -
         let (pixels, covered, detail) = parts.get_mut(part as usize)?;
         *pixels += 1.0;
         *covered += f64::from(u8::from(is_covered(at)));
-        // A single sharp edge is not decisive, and the outline of the covered area does not count
-        // as detail.
+        // A single sharp edge must not be decisive, and the outline of the covered area does not count as detail.
         for (right, below) in [(x + 1, y), (x, y + 1)] {
             let next = (below * width + right) as usize;
             if right < width && below < height && is_covered(next) == is_covered(at) {
@@ -103,8 +103,8 @@ fn reach(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<[(f64, f
     is_finite.then(|| [reach[0], reach[1]])
 }
 
-/// Mean area of the Gaussians that are in front of the camera, in squared pixels: the product of the standard deviations
-/// of their ellipses.
+/// Mean area of the Gaussians in front of the camera, in squared pixels: the product of the standard deviations of each
+/// projected ellipse.
 pub(in crate::evaluate) fn mean_area(gaussians: &Gaussians, view: &RenderView) -> f64 {
     let low_pass = f64::from(view.rule.low_pass);
     let all = (0..gaussians.len()).filter_map(|at| projected(gaussians, at, view));

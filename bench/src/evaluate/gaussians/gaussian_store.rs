@@ -10,7 +10,7 @@ use super::prediction_file::{read_prediction, write_prediction};
 use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::methods::{GaussianPrediction, MethodError};
 
-/// Predictions by key: in memory up to a limit, beyond it on disk until the run ends.
+/// Predictions by key: in memory up to a limit, the others on disk until the run ends.
 pub(in crate::evaluate) struct GaussianStore {
     /// Folder for predictions that are kept after the run, if any.
     kept: Option<PathBuf>,
@@ -20,8 +20,7 @@ pub(in crate::evaluate) struct GaussianStore {
     order: Vec<String>,
     spill: Option<(TempDir, BTreeSet<String>)>,
     spill_in: PathBuf,
-    /// Source of the predictions in memory. Pairs are sorted, so all pairs of a source follow each
-    /// other.
+    /// Source of the predictions in memory. Pairs are sorted, so that all pairs of a source are consecutive.
     source: String,
 }
 
@@ -54,8 +53,8 @@ impl GaussianStore {
         }
     }
 
-    /// The prediction of a key. If it is neither in memory nor on disk, it is made by `predict`;
-    /// without `predict`, the result is `None`. The time is that of the original prediction.
+    /// The prediction of a key. If it is neither in memory nor on disk, `predict` makes it; without `predict`, the
+    /// result is `None`. The returned time is that of the original prediction.
     pub(in crate::evaluate) fn get(
         &mut self,
         key: &str,

@@ -12,24 +12,23 @@ const COARSE: (u32, u32) = (16, 12);
 const LEAST_BLUR: f64 = 0.4;
 /// Maximum width and height compared, pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// Minimum gain of another reading, dB. If a file was read correctly, other readings change its
-/// error by only some hundredths.
+/// Minimum gain of another reading, dB. If a file was read correctly, other readings change the error by only some
+/// hundredths of a dB.
 const MARGIN: f64 = 0.5;
 /// Number of standard errors that the gain must exceed.
 const SIGNIFICANCE: f64 = 3.0;
-/// Number of standard errors that the gain with free brightness and contrast must exceed; it only
-/// has to agree.
+/// Number of standard errors that the gain after fitting brightness and contrast must exceed; lower, because it only
+/// confirms the other gain.
 const SIGNIFICANCE_FREE: f64 = 2.0;
 /// Two errors count as about equal up to this ratio.
 const HARDLY: f64 = 1.1;
-/// A picture explains a photograph if it explains at least this share of its variance.
+/// A picture explains a photograph if it accounts for at least this share of its variance.
 const EXPLAINED: f64 = 0.5;
-/// Minimum factor between the contrasts of a picture and its photograph that is reported.
+/// Minimum ratio between the contrasts of a picture and its photograph that is reported.
 const OTHER_CONTRAST: f64 = 1.6;
-/// Minimum gain with another brightness and contrast, dB.
+/// Minimum gain from correcting brightness and contrast, dB.
 const OF_CONTRAST: f64 = 6.0;
-/// Pictures count as equal below this mean squared error, levels²: the difference between rounding
-/// and truncation to 8 bit.
+/// Pictures count as equal below this mean squared error, levels²: rounding and truncation to 8 bit differ by less.
 const ROUNDING: f64 = 1.0;
 
 /// The part of a photograph with the most contrast, at full resolution: reduced pictures would hide
@@ -59,7 +58,7 @@ pub(in crate::evaluate) fn window(photograph: &RgbImage) -> Region {
     best.1
 }
 
-/// Sum of the green channel's steps at every fourth row and column. Each step counts for at most 64
+/// Sum of the differences between neighbouring green levels at every fourth row and column. Each counts for at most 64
 /// levels, so that a single sharp edge is not decisive.
 fn contrast(photograph: &RgbImage, region: Region) -> u64 {
     let level = |x: u32, y: u32| photograph.get_pixel(x, y).0[1];
@@ -110,7 +109,7 @@ impl Sums {
         self.pp - self.p * self.p / self.n
     }
 
-    /// Sum of squared differences after fitting the rendering by a factor and a constant.
+    /// Sum of squared differences after scaling and offsetting the rendering for the best fit.
     fn residual(self) -> f64 {
         let covariance = self.pr - self.p * self.r / self.n;
         let of_rendering = self.rr - self.r * self.r / self.n;
@@ -153,7 +152,7 @@ pub(in crate::evaluate) struct Likeness {
     total: [Sums; 3],
 }
 
-/// Number of blocks along each side.
+/// Number of blocks along each side of the picture.
 const BLOCKS: u32 = 6;
 
 impl Likeness {
@@ -195,7 +194,7 @@ impl Likeness {
         }
     }
 
-    /// By how many dB its squared error is smaller than that of `other`.
+    /// The factor by which this squared error is smaller than that of `other`, dB.
     pub(in crate::evaluate) fn gain_over(&self, other: &Self) -> f64 {
         10.0 * (other.error() / self.error()).log10()
     }
@@ -229,8 +228,7 @@ impl Likeness {
         // A photograph of a single colour has no variance to explain; a difference of 8 levels
         // counts as close.
         let noise = 64.0 * 3.0 * self.total[0].n;
-        // The mean colour is rounded to whole levels, so it is slightly farther away than the true
-        // mean.
+        // The mean colour is rounded to whole levels, so its error is slightly larger than that of the exact mean.
         error >= (0.99 * variance).max(noise) && residual > 0.9 * variance
     }
 
@@ -238,15 +236,14 @@ impl Likeness {
         self.explained() >= EXPLAINED
     }
 
-    /// Share of the photograph's variance that the picture explains at the best brightness and
-    /// contrast.
+    /// Share of the photograph's variance that the picture explains after fitting brightness and contrast.
     pub(in crate::evaluate) fn explained(&self) -> f64 {
         let whole = Errors::of(self.total);
         1.0 - whole.residual / whole.variance
     }
 
-    /// The picture's contrast as a multiple of the photograph's, and the PSNR with brightness and contrast corrected, dB;
-    /// `None` unless that explains most of the error.
+    /// The picture's contrast as a multiple of the photograph's, and the PSNR after correcting brightness and contrast,
+    /// dB; `None` unless the correction removes most of the error.
     pub(in crate::evaluate) fn contrast(&self) -> Option<(f64, f64)> {
         let sum = |of: fn(&Sums) -> f64| self.total.iter().map(of).sum::<f64>();
         let covariance = sum(|c| c.pr - c.p * c.r / c.n);
@@ -265,7 +262,7 @@ impl Likeness {
     }
 
     /// Whether this picture is significantly closer to its photograph than `other` is to its own, both in squared error
-    /// and with free brightness and contrast.
+    /// and after fitting brightness and contrast.
     pub(in crate::evaluate) fn is_closer_than(&self, other: &Self) -> bool {
         let share = |e: Errors| e.residual / e.variance;
         self.is_nearer_than(other) && self.gains(other, [share; 2], MARGIN / 2.0, SIGNIFICANCE_FREE)
@@ -276,7 +273,8 @@ impl Likeness {
         self.gains(other, [|e| e.error; 2], MARGIN, SIGNIFICANCE)
     }
 
-    /// Whether its squared error is significantly smaller than that of `other` at the best brightness and contrast.
+    /// Whether its squared error is significantly smaller than that of `other` after fitting the brightness and
+    /// contrast of `other`.
     pub(in crate::evaluate) fn is_nearer_than_exposed(&self, other: &Self) -> bool {
         self.gains(
             other,
@@ -286,13 +284,14 @@ impl Likeness {
         )
     }
 
-    /// Whether its squared error is at most slightly above that of `other` at the best brightness and contrast.
+    /// Whether its squared error is at most slightly larger than that of `other` after fitting the brightness and
+    /// contrast of `other`.
     pub(in crate::evaluate) fn is_as_near_as_exposed(&self, other: &Self) -> bool {
         self.error() <= HARDLY * Errors::of(other.total).residual
     }
 
-    /// Whether this picture's first error is smaller than `other`'s second error, by `margin` dB
-    /// and by `significance` standard errors.
+    /// Whether `errors[0]` of this picture is smaller than `errors[1]` of `other`, by at least `margin` dB and
+    /// `significance` standard errors.
     fn gains(
         &self,
         other: &Self,
@@ -336,8 +335,8 @@ impl Likeness {
     }
 }
 
-/// The share of the photograph's contrast that a blurred picture of it lacks; `None` if the picture
-/// is not blurred or shows something else.
+/// The share of the photograph's contrast that is missing in a blurred picture of it; `None` if the picture is not
+/// blurred or shows something else.
 pub(in crate::evaluate) fn blur(photograph: &RgbImage, picture: &RgbImage) -> Option<f64> {
     let whole = Region::whole(photograph.dimensions());
     let [seen, shown] = [photograph, picture].map(|all| contrast(all, whole) as f64);
@@ -379,8 +378,7 @@ mod tests {
         assert!(right.is_better_than(&fit(&shifted)));
         assert!(!fit(&shifted).is_better_than(&right));
         assert!(!fit(&photograph(2)).is_better_than(&right));
-        // The less dimmed picture is closer, but not better: a difference in brightness alone does
-        // not count.
+        // The less dimmed picture is closer, but not better, because a difference in brightness alone does not count.
         let dimmed = |by: f64| {
             RgbImage::from_fn(64, 48, |x, y| {
                 Rgb(photograph(1)

@@ -1,4 +1,4 @@
-//! Gaussians whose means were changed but not their other attributes, which no setting corrects.
+//! Detects Gaussians whose means were transformed without their other attributes, which no setting corrects.
 
 use glam::{DMat3, DQuat, DVec3};
 use sharp::gaussians::Gaussians;
@@ -14,15 +14,15 @@ const WIDTHS: [f64; 8] = [1.0 / 3.0, 0.1, 0.01, 0.001, 3.0, 10.0, 100.0, 1000.0]
 const OF_NARROWER: f64 = 4.0;
 /// Minimum gain with wider standard deviations, dB. Correct Gaussians with holes gain less.
 const OF_WIDER: f64 = 6.0;
-/// Minimum gain with a factor that depth suggests, dB.
+/// Minimum gain with a factor that the depth suggests, dB.
 const OF_WIDTHS: f64 = 1.0;
-/// Wider Gaussians are not tried beyond this many per pixel.
+/// Wider Gaussians are tried only up to this many per pixel.
 const MOST_LAYERS: f64 = 300.0;
-/// Smaller turns are not tried, degrees.
+/// Minimum rotation that is tried, degrees.
 const LEAST_TURN_DEG: f64 = 3.0;
 
 impl Trial<'_> {
-    /// The comparison with standard deviations multiplied by a factor, if it is significantly better than `as_read`.
+    /// The comparison after multiplying standard deviations by a factor, if it is significantly better than `as_read`.
     pub(in crate::evaluate) fn fit_with_widths(
         &self,
         gaussians: &Gaussians,
@@ -35,8 +35,8 @@ impl Trial<'_> {
         Ok(fit.filter(|fit| fit.is_better_than(as_read) && fit.gain_over(as_read) >= OF_WIDTHS))
     }
 
-    /// A factor of the standard deviations with which Gaussians match far better. Narrower ones are tried only if the
-    /// rendering is blurred, and the first that match are taken: if only the centres of Gaussians are drawn, these
+    /// A factor of the standard deviations with which Gaussians match far better. Factors below 1 are tried only if the
+    /// rendering is blurred, and the first match is taken: still narrower Gaussians, drawn as mere centres, would
     /// resemble the source even better.
     pub(in crate::evaluate) fn other_widths(
         &self,
@@ -73,7 +73,7 @@ impl Trial<'_> {
     }
 
     /// A rotation of the quaternions, in degrees, with which Gaussians match significantly better: one that was applied
-    /// to the means only, or that the reading applies.
+    /// to the means only, or that is part of the reading.
     pub(in crate::evaluate) fn other_turn(
         &self,
         gaussians: &Gaussians,
@@ -91,7 +91,7 @@ impl Trial<'_> {
                 let turned = turn * DQuat::from_xyzw(x, y, z, w);
                 *quaternion = [turned.w, turned.x, turned.y, turned.z].map(|v| v as f32);
             }
-            // Wrongly rotated Gaussians are seen more from their edges, which sharpens what is too wide.
+            // Wrongly rotated Gaussians are seen more edge-on, which sharpens a rendering whose Gaussians are too wide.
             if self.mean_area(&other, placement) >= FACING * own_area
                 && let Some(fit) = self.fit(&other, map)?
                 && fit.is_better_than(as_read)
@@ -150,7 +150,8 @@ fn with_widths(gaussians: &Gaussians, factor: f64) -> Gaussians {
     other
 }
 
-/// The rotation of a similarity; of a mirrored one, that of its negative, which turns Gaussians in the same way.
+/// The rotation of a similarity. For a mirrored one, the rotation of its negative, which has the same effect on
+/// Gaussians.
 fn rotation(matrix: DMat3) -> DQuat {
     let scale = matrix.determinant().cbrt();
     DQuat::from_mat3(&(matrix * scale.recip())).normalize()

@@ -12,9 +12,8 @@ use crate::methods::GaussianPrediction;
 use crate::methods::file_reading::{FileReading, FileSpace};
 use crate::pairs::PosedCamera;
 
-/// Other views of the scene whose photographs have the same size: the neighbours of a view, the one
-/// at the mirrored position in the scene's order, and the first one, whose camera may be the frame
-/// of all.
+/// Other views of the scene whose photographs have the same size: the neighbours of a view, the view at the mirrored
+/// position in the scene's order, and the first view, whose camera may define the scene's coordinates.
 pub(super) fn other_views(
     source: &PosedCamera,
     scene: &Scene,
@@ -40,7 +39,7 @@ pub(super) fn other_views(
 pub(super) struct OtherView<'a> {
     view: &'a PosedCamera,
     pub(super) fit: Likeness,
-    /// Whether the means are in this view's camera, but show the source; otherwise the Gaussians show this view.
+    /// If true, the Gaussians show the source, with means in this view's camera space. If false, they show this view.
     pub(super) is_frame: bool,
 }
 
@@ -49,8 +48,8 @@ impl OtherView<'_> {
         let (id, db) = (&self.view.id, self.fit.psnr());
         match self.is_frame {
             true => format!(
-                "{shown}; with their means read in the camera of {id}: {db:.2} dB; write means in the source's own \
-                 camera, or set `space=target` if each pair has a file in its target's camera"
+                "{shown}; with their means read as in the camera of {id}: {db:.2} dB; write means in the space of \
+                 the source's own camera, or set `space=target` if each pair has a file in its target's camera"
             ),
             false => format!(
                 "{shown}, and that of {id} at {db:.2} dB: were they predicted from {id}, or are files named after \
@@ -60,9 +59,9 @@ impl OtherView<'_> {
     }
 }
 
-/// The view that explains the Gaussians best, `None` if not significantly better than their own source (`as_read`): its
-/// photograph matches them, rendered from that view or from the source (`shown`), or its camera is the frame of their
-/// means.
+/// The view that explains the Gaussians best; `None` if it is not significantly better than their own source
+/// (`as_read`). Either its photograph matches the Gaussians, rendered from that view or from the source (`shown`), or
+/// the means are in its camera's space.
 pub(super) fn other_view<'a>(
     prediction: &GaussianPrediction,
     reading: &FileReading,

@@ -1,4 +1,4 @@
-//! Files of predicted Gaussians, for separate stages and for predictions that do not fit into memory.
+//! Files of predicted Gaussians, for stages run separately and predictions that do not fit into memory.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};

@@ -4,8 +4,8 @@
 use image::RgbImage;
 use image::imageops::thumbnail;
 
-/// Shifts up to this many pixels are searched at once; the search continues from a shift at the end of its range, this
-/// many times.
+/// Maximum shift per search step, pixels. From a shift at the end of this range, the search continues, for at most
+/// `SEARCHES` steps.
 const REACH: i32 = 3;
 const SEARCHES: usize = 8;
 /// Maximum picture width for the zoom search, pixels.
@@ -44,8 +44,8 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
     })
 }
 
-/// The horizontal and vertical factors by which `picture` must be enlarged about `center` (pixels)
-/// to match: one factor, raised to the powers `along`. `None` if they are about 1.
+/// The horizontal and vertical factors by which `picture` must be enlarged about `center` (pixels) to match: a common
+/// factor, raised to the powers `along`. `None` if both are about 1.
 pub(in crate::evaluate) fn zoom(
     photograph: &RgbImage,
     picture: &RgbImage,

@@ -17,8 +17,8 @@ use crate::rendering::pose_alignment::fit_camera;
 use crate::rendering::shared::{HOLE_ALPHA, surface_depth};
 use crate::scoring::GroundTruth;
 
-/// If a fitted camera turned by more than this, degrees, or moved by more than this share of the
-/// median depth, a warning is given.
+/// Thresholds for a warning about a fitted camera: its rotation in degrees, and its motion as a share of the median
+/// depth.
 const FAR_TURNED: f64 = 15.0;
 const FAR_MOVED: f64 = 0.25;
 
@@ -101,7 +101,7 @@ pub(in crate::evaluate) fn render(
     fit: Option<&GroundTruth>,
 ) -> Result<(PicturePrediction, RenderOutput), RenderError> {
     let median_scale = scale;
-    // Gaussians in the camera's space are scaled directly, which avoids one rounding.
+    // Scaling Gaussians directly in the camera's space avoids one rounding.
     let (space, scale) = match (prediction.space, scale) {
         (GaussianSpace::Camera(map), Some(scale)) if map != DAffine3::IDENTITY => {
             let about_camera = DAffine3::from_scale(DVec3::splat(scale));

@@ -22,36 +22,36 @@ use crate::scoring::Region;
 /// A reading is tried only if it has at most this many Gaussians per pixel on average; no
 /// photograph needs more.
 const MOST_LAYERS: f64 = 3000.0;
-/// Minimum gain in the source for which other views are rendered too, dB.
+/// Minimum gain in the source that makes rendering other views worthwhile, dB.
 const WORTH_A_LOOK: f64 = 0.25;
-/// If the source loses this much, a form of numbers is ruled out, dB.
+/// Loss in the source's fit that rules out a form of the numbers, dB.
 const MUCH: f64 = 1.0;
-/// [`MUCH`] for logarithms of opacities, which the stored values suggest strongly and the source hardly shows.
+/// [`MUCH`] for logarithms of opacities: the stored values are strong evidence for them, and the source hardly any
+/// against.
 const VERY_MUCH: f64 = 3.0;
 /// Errors in other views may grow by at most this factor.
 const NOT_WORSE: f64 = 1.1;
-/// If Gaussians are shifted, errors in other views may be at most this multiple of those before,
-/// because other views must confirm a shift.
+/// If Gaussians are shifted, maximum ratio of the errors in other views after and before: below 1, because other views
+/// must confirm a shift.
 const BETTER: f64 = 0.97;
-/// A shift with this gain in the source needs no confirmation, dB: in other views, poor Gaussians
-/// hardly react to half a pixel.
+/// A shift with this gain in the source needs no confirmation, dB: in other views, poor Gaussians hardly change with a
+/// shift of half a pixel.
 const BEYOND_CHANCE: f64 = 2.0;
-/// Gain that suffices for another form of colours, dB. Such forms may differ only in brightness and
-/// contrast.
+/// Sufficient gain for another form of colours, dB. Forms of colours may differ only in brightness and contrast.
 const RECOLORED: f64 = 6.0;
-/// [`RECOLORED`] for a form with which no other brightness and contrast would be better.
+/// [`RECOLORED`] for a form whose brightness and contrast are already the best fit.
 const RECOLORED_EXACTLY: f64 = 2.0;
 /// Relative change of the focal length below which [`OF_SMALL_ZOOM`] is needed: Gaussians with a wrong shape may fit
 /// better by chance if they are slightly enlarged.
 const SMALL_ZOOM: f64 = 0.05;
 /// Minimum gain of a small change of the focal length, dB.
 const OF_SMALL_ZOOM: f64 = 1.0;
-/// Standard deviations may be logarithms to the base of 10 only if more Gaussians than this cover a pixel on average.
+/// Minimum average number of Gaussians per pixel for which standard deviations may be logarithms to the base of 10.
 const WIDE_LAYERS: f64 = 500.0;
-/// Minimum share of a view that Gaussians cover if they show all of it.
+/// Minimum share of a view that Gaussians cover if they show all of the view.
 const WHOLE: f64 = 0.7;
-/// Minimum area of Gaussians under another order of quaternions, as a share of that as read: most lie on surfaces that
-/// face the camera.
+/// Minimum area of Gaussians under another order of quaternions, relative to the area as read. Wrong orders reduce it,
+/// because most Gaussians lie on surfaces that face the camera.
 pub(super) const FACING: f64 = 0.97;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
@@ -96,7 +96,8 @@ impl Trial<'_> {
         }
     }
 
-    /// The same rule with the camera's principal point, if it is ignored and differs by more than a pixel.
+    /// The rule with the camera's principal point, if the rule ignores it and it is over a pixel off the picture's
+    /// centre.
     fn general_rule(&self) -> Option<Rule> {
         let k = self.source.intrinsics;
         let [x, y] = self.principal_point();
@@ -104,7 +105,7 @@ impl Trial<'_> {
         self.rule.filter(|_| is_off).map(general)
     }
 
-    /// Whether a shift, up to a pixel, is the distance between the ignored principal point and the picture's middle.
+    /// Whether a shift is, to within a pixel, the offset of an ignored principal point from the picture's centre.
     fn is_ignored_offset(&self, shift: [f64; 2]) -> bool {
         let k = self.source.intrinsics;
         let [x, y] = self.principal_point();
@@ -130,7 +131,7 @@ impl Trial<'_> {
         }
     }
 
-    /// [`Trial::fit`] of Gaussians that were read as `reading`, under another one.
+    /// [`Trial::fit`] of Gaussians that were read as `reading`, reinterpreted under another reading.
     pub(in crate::evaluate) fn fit_read(
         &self,
         gaussians: &Gaussians,
@@ -180,7 +181,7 @@ impl Trial<'_> {
         Ok(covered as f64 / alpha.len().max(1) as f64)
     }
 
-    /// Whether Gaussians of a world cover most of another view, so that the source is only at their edge.
+    /// Whether Gaussians in world space cover most of another view, so that the source only sees their edge.
     pub(in crate::evaluate) fn is_whole_elsewhere(
         &self,
         gaussians: &Gaussians,
@@ -207,11 +208,11 @@ impl Trial<'_> {
         if seen.members.is_empty() || seen.layers > MOST_LAYERS {
             return Ok(None);
         }
-        // Among Gaussians at equal depth, the first covers the others. In the order of a file this
-        // would shift the whole picture, so shuffle them.
+        // Among Gaussians at equal depth, the first covers the others. In the order of a file, this would shift the
+        // whole picture, so the order is shuffled.
         seen.members.sort_by_key(|&k| mix(k as u64));
         let seen = gaussians.subset(&seen.members);
-        // The middle of a part is not that of the picture, so its principal point is always used.
+        // The centre of the part is not the centre of the picture, so the principal point is always used.
         let (intrinsics, rule) = (self.intrinsics(), self.rule.map(general));
         let output = self
             .renderer
@@ -219,8 +220,8 @@ impl Trial<'_> {
         Ok(Some(output))
     }
 
-    /// Whether another form of the stored numbers is still possible: false if the numbers as read
-    /// explain the part as well as that form, or much better.
+    /// Whether another form of the stored numbers is still possible. False if that form explains the part no better
+    /// than the numbers as read, or much worse.
     pub(in crate::evaluate) fn allows(
         &self,
         other: &FileReading,
@@ -233,18 +234,17 @@ impl Trial<'_> {
         };
         let other = self.fit_read(gaussians, reading, other)?;
         let gain = other.map_or(f64::NEG_INFINITY, |other| other.gain_over(&as_read));
-        // Opacities hardly change what the source sees, and proper ones do not look like logarithms.
+        // Opacities hardly change the source's rendering, and correctly read ones do not look like logarithms.
         let is_rare = other_form.opacity == Some(StoredOpacity::Log);
         Ok(gain >= WORTH_A_LOOK
             || !as_read.explains() && gain > -MUCH
             || is_rare && gain > -VERY_MUCH)
     }
 
-    /// The reading that explains the photograph best, if it is significantly better than `as_read`,
-    /// in this part alone or together with `neighbours`, other views of the scene. A reading must
-    /// not explain the neighbours worse. They decide between several readings, because wrongly
-    /// rotated Gaussians may cover their own source better than correct ones. `moves` align the
-    /// rendering. If `is_lost`, the rendering shows nothing, and all axes are tried.
+    /// The reading that explains the photograph best, if it is significantly better than `as_read`, in this part alone
+    /// or together with `neighbours` (other views of the scene), and no worse in these. They also decide between
+    /// several readings, because wrongly rotated Gaussians may cover their own source better than correct ones. `moves`
+    /// align the rendering. If `is_lost`, the rendering shows nothing, and all axes are tried.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
@@ -346,8 +346,8 @@ impl Trial<'_> {
                     zoom > 0.0 && zoom < SMALL_ZOOM && fit.gain_over(fit_before) < OF_SMALL_ZOOM;
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
-                // The source itself decides between two forms of colours: in other views, wrong
-                // geometry causes blur, which paler colours hide.
+                // The source alone decides between two forms of colours: in other views, wrong geometry causes blur,
+                // which paler colours hide.
                 let is_least =
                     chosen.as_ref().is_none_or(|(other, its_fit, its_all)| {
                         match recolors && other.stored.colors != before.stored.colors {
@@ -355,7 +355,8 @@ impl Trial<'_> {
                             false => all.error() < its_all.error(),
                         }
                     });
-                // Wrongly rotated Gaussians are seen more from their edges, which sharpens what is too wide.
+                // Wrongly rotated Gaussians are seen more edge-on, which sharpens a rendering whose Gaussians are too
+                // wide.
                 let is_narrower = candidate.stored.quaternions != before.stored.quaternions
                     && area(&candidate) < FACING * area(before);
                 if is_better && !worse && is_least && !is_narrower && !is_chance {
@@ -371,7 +372,7 @@ impl Trial<'_> {
         Ok((other != *reading).then_some((other, fit)))
     }
 
-    /// Reverts each changed setting without which the reading is not significantly worse; it only compensated for
+    /// Reverts each changed setting without which the reading is not significantly worse, as it only compensates for
     /// another one.
     fn simplest(
         &self,
@@ -394,7 +395,8 @@ impl Trial<'_> {
                 && fewer != *reading
                 && let Some(fit) = self.fit_read(gaussians, reading, &fewer)?
             {
-                // Misread quaternions turn Gaussians at random, which may cover holes left by another setting.
+                // Misread quaternions turn Gaussians at random, which may cover holes that another wrong setting
+                // leaves.
                 let is_weak = *key == "quaternions" && best.1.gain_over(&fit) < MUCH;
                 let fewer = (fewer, fit);
                 let is_needed = || -> Result<bool, RenderError> {
@@ -481,9 +483,9 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
     all
 }
 
-/// Alternative interpretations of the stored numbers. Logarithms to the base of 10 are tried only if `is_wide`: read as
-/// natural ones, they are so wide that many Gaussians cover each pixel. Other Gaussians would become so narrow that only
-/// their centres are drawn, which may resemble the source.
+/// Alternative interpretations of the stored numbers. Logarithms to the base of 10 are tried only if `is_wide`: if read
+/// as natural logarithms, they give Gaussians so wide that many cover each pixel. Other Gaussians would shrink to their
+/// centres, which may resemble the source.
 fn numbers(current: &FileReading, stored: &Gaussians, is_wide: bool) -> Vec<FileReading> {
     let mut all = Vec::new();
     let mut add = |change: &dyn Fn(&mut FileReading)| {

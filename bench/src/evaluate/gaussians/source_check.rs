@@ -42,30 +42,27 @@ pub const SOURCE_PSNR: &str = "source_psnr";
 /// Extra with the median depth of the source's rendering, metres.
 pub const SOURCE_DEPTH: &str = "source_depth_m";
 
-/// Extra of renderings that blur the source: the share of the photograph's contrast that is
-/// missing, 0..1.
+/// Extra for a blurred rendering of the source: the share of the photograph's contrast that is missing, 0..1.
 pub const SOURCE_BLUR: &str = "source_blur";
 
-/// Other readings are tried only if at least this share of the photograph is valid; the excluded
-/// part does not show the scene.
+/// Other readings are tried only if at least this share of the photograph is valid.
 const LEAST_VALID: f64 = 0.95;
 /// PSNR of the source's rendering above which no other reading is tried, dB.
 const RIGHT_DB: f64 = 38.0;
-/// Gain below which a setting may only make up for wrong standard deviations, dB.
+/// Gain below which a setting may only compensate for wrong standard deviations, dB.
 const WEAK_DB: f64 = 3.0;
-/// Contrast of colours whose coefficients were multiplied by the constant harmonic, 0.282, instead of divided by it:
-/// its square, 0.08.
+/// Contrast, relative to the photograph, of colours whose coefficients were multiplied by the constant harmonic, 0.282,
+/// instead of divided by it: its square, 0.08.
 const SQUARED_CONSTANT: RangeInclusive<f64> = 0.06..=0.1;
-/// Minimum share of empty pixels that suggests removed Gaussians.
+/// Minimum share of empty pixels that suggests that Gaussians were removed.
 const LEAST_HOLES: f64 = 0.02;
-/// Other readings are tried only on photographs with at least this many pixels; smaller ones do not
-/// show a Gaussian's shape.
+/// Minimum number of pixels of a photograph on which other readings are tried; smaller photographs do not show a
+/// Gaussian's shape.
 const FEWEST_PIXELS: usize = 1200;
-/// With more Gaussians per pixel on average, rendering takes minutes. Photographs need tens or
-/// hundreds.
+/// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
-/// A warning is given only if each Gaussian covers at least this share of the picture on average:
-/// millions of small Gaussians on a small picture are fine.
+/// A warning is given only if each Gaussian covers at least this share of the picture on average, because millions of
+/// small Gaussians on a small picture are fine.
 const ABSURD_SHARE: f64 = 0.02;
 
 pub(in crate::evaluate) struct CheckedSource<'a> {
@@ -99,10 +96,9 @@ struct SeenSource {
     is_blurred: bool,
 }
 
-/// Renders a prediction into its own source. Measures [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and
-/// [`SOURCE_BLUR`], and warns if they contradict the reading of its file. For chosen sources, also
-/// tries other readings. If only the numbers suggest a setting, and the photograph is explained
-/// without it, the suggestion is dropped.
+/// Renders a prediction into its own source. Measures [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`], and warns
+/// if they contradict the reading of its file. For chosen sources, also tries other readings. A setting that is
+/// suggested only by the stored numbers is dropped if the photograph is explained without it.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -215,7 +211,7 @@ pub(in crate::evaluate) fn absurd_coverage(
     let scales = &prediction.gaussians.scales;
     let widest = |&k: &usize| f64::from(scales[k].into_iter().fold(0.0, f32::max));
     let middle = median_of(seen.members.iter().map(widest).collect());
-    // The first other form of logarithms that is possible and covers less.
+    // The first other form of logarithms that is possible and gives less coverage.
     let stored = prediction.reading.map(|reading| reading.stored);
     let forms = [StoredScales::Linear, StoredScales::Log10].into_iter();
     let form = forms.filter(|_| stored.is_some_and(|form| form.scales == Some(StoredScales::Log)));
@@ -248,10 +244,10 @@ pub(in crate::evaluate) fn absurd_coverage(
 
 /// Comparisons of Gaussians with photographs, under their own reading and under others.
 struct Findings<'a> {
-    /// Start of each sentence: how well the Gaussians, as read, show the photograph.
+    /// Start of each sentence: how well the Gaussians, as read, reproduce the photograph.
     shown: String,
     as_read: Likeness,
-    /// [`Self::as_read`], rendered like the others.
+    /// [`Self::as_read`], but rendered like the other comparisons.
     compared: Likeness,
     better: Option<(FileReading, Likeness)>,
     other: Option<OtherView<'a>>,
@@ -265,7 +261,7 @@ struct Findings<'a> {
 }
 
 impl<'a> Findings<'a> {
-    /// `elsewhere` are other views of the scene.
+    /// Compares a prediction with its source under several readings; `elsewhere` are other views of the scene.
     fn of(
         prediction: &GaussianPrediction,
         reading: &FileReading,
@@ -333,14 +329,14 @@ impl<'a> Findings<'a> {
         Ok(found)
     }
 
-    /// Whether a comparison is closer than those with another reading and another view.
+    /// Whether a comparison is closer than those with another reading and with another view.
     fn is_best(&self, fit: &Likeness) -> bool {
         let better = self.better.iter().map(|(_, fit)| fit);
         let mut known = better.chain(self.other.iter().map(|other| &other.fit));
         known.all(|known| fit.error() < known.error())
     }
 
-    /// Topic and text of a warning that something else matches significantly better, or that nothing matches.
+    /// Topic and text of a warning that another reading or view matches significantly better, or that nothing matches.
     fn cause(
         &self,
         prediction: &GaussianPrediction,
@@ -410,7 +406,7 @@ impl<'a> Findings<'a> {
                     "{shown}, so it is hardly recognisable, and no other reading that was tried is better"
                 ),
             ),
-            // Holes lower the contrast, too.
+            // Holes also lower the contrast.
             _ if self.holes < LEAST_HOLES
                 && let Some((contrast, fitted)) = self.as_read.contrast() =>
             {
@@ -419,8 +415,8 @@ impl<'a> Findings<'a> {
                     false => "were they stored in another form?",
                 };
                 let text = format!(
-                    "{shown}, with {} times the photograph's contrast; brightness and contrast corrected: {fitted:.2} \
-                     dB: {cause}",
+                    "{shown}, with {} times the photograph's contrast; after correcting brightness and contrast: \
+                     {fitted:.2} dB; {cause}",
                     rounded(contrast)
                 );
                 ("contrast", text)
@@ -465,13 +461,13 @@ fn add_doubts(
         let widths = trial.other_widths(gaussians, reading, &found.compared, seen.is_blurred)?;
         Ok(widths.filter(|(_, fit)| found.is_best(fit)).map(|(factor, fit)| {
             format!(
-                "{}: were their means scaled without the standard deviations, or these written in another form? No \
-                 setting corrects it; write both in one unit",
+                "{}: were the means scaled without the standard deviations, or the standard deviations written in \
+                 another form? No setting corrects this; write both in the same unit",
                 with_widths(factor, &fit)
             )
         }))
     };
-    // A setting that explains little may only make up for wrong widths.
+    // A setting that explains little may only compensate for wrong standard deviations.
     let is_weak = |(_, fit): &(FileReading, Likeness)| fit.psnr() < found.compared.psnr() + WEAK_DB;
     if found.better.as_ref().is_some_and(is_weak)
         && let Some(text) = other_widths()?
@@ -510,7 +506,7 @@ fn add_doubts(
     Ok(())
 }
 
-/// Whether another reading, found on a part of the photograph, is better on the whole.
+/// Whether another reading, found on a part of the photograph, is also better on the whole photograph.
 fn is_confirmed(
     trial: &Trial<'_>,
     gaussians: &Gaussians,
@@ -525,8 +521,8 @@ fn is_confirmed(
     Ok(other.error() < as_read.error())
 }
 
-/// Whether Gaussians over the photograph's mean colour are no closer to the photograph than the
-/// colour alone. Correct Gaussians are closer, even if blurred or sparse.
+/// Whether Gaussians over the photograph's mean colour are no closer to the photograph than that colour alone. Correct
+/// Gaussians are closer, even if blurred or sparse.
 fn shows_nothing(photograph: &RgbImage, over_mean: &RgbImage) -> bool {
     let whole = Region::whole(photograph.dimensions());
     Likeness::of(photograph, whole, over_mean).is_unrelated()

@@ -21,11 +21,11 @@ pub enum CheckpointFetchError {
     File(#[from] FileError),
 }
 
-/// Downloads a release into a cache folder. If its licence must be accepted, the caller must have asked for that.
+/// Downloads a release into a cache folder. The caller must first obtain the user's acceptance of the licence, if
+/// required.
 ///
-/// Resumes an interrupted transfer, even one of an earlier call. The file gets its final name only
-/// if its size is possible for the network, it has all of the network's tensors, and it equals the
-/// recorded file, if there is a record.
+/// Resumes an interrupted transfer, even one of an earlier call. The file gets its final name only if its size is
+/// plausible, it contains all of the network's tensors, and it matches the record of an earlier download, if any.
 pub fn fetch(
     release: &Release,
     cache: &Path,
@@ -115,7 +115,7 @@ mod tests {
         );
         let both = [RELEASE_FILE.to_owned(), format!("{RELEASE_FILE}.json")];
         assert_eq!(names(&cache), both);
-        // After a second, equal download it is no longer unverified.
+        // After a second download of the same file, it is no longer unverified.
         std::fs::remove_file(&kept).unwrap();
         let (_, standing) = attempt(vec![Answer::Whole], cache.path()).0.unwrap();
         assert!(matches!(standing, Standing::Matches(_)));

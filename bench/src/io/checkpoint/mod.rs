@@ -3,7 +3,8 @@
 //! * [`release`]: name, address and licence.
 //! * [`record`]: size and SHA-256, recorded at the first use.
 //! * `fetch`: the download.
-//! * [`named_network`]: any network by name, including the bundled one; [`depth_pro_network`]: Depth Pro's of a file.
+//! * [`named_network`]: any network by name, including the bundled one; [`depth_pro_network`]: Depth Pro's network from
+//!   a file.
 
 pub mod fetch;
 mod named;

@@ -28,7 +28,7 @@ pub enum NetworkError {
         preset: String,
         source: Box<ModelError>,
     },
-    /// A checkpoint of Depth Pro where one of SHARP is needed.
+    /// The checkpoint is Depth Pro's, but SHARP's is needed.
     #[error(
         "{}: these are Depth Pro's weights, which predict depth instead of Gaussians; pass them to `predict --depth-only`, \
          and give SHARP's here",
@@ -61,8 +61,8 @@ pub enum NetworkError {
     OtherWeights { path: PathBuf, sha256: String },
 }
 
-/// The network of a checkpoint, on the CPU: `mini`, which is bundled, or a file. A file's configuration is `config`
-/// (`FILE.json#NAME`) if given, or else that of a fitting `.json` next to the file or of the release. Without a
+/// The network of a checkpoint, on the CPU: `mini`, which is bundled, or a file. The configuration is `config`
+/// (`FILE.json#NAME`) if given, otherwise that of a fitting `.json` next to the file, otherwise the release's. Without
 /// `checkpoint`, searches for the official one.
 ///
 /// # Errors
@@ -94,8 +94,8 @@ pub fn named_network(
     })
 }
 
-/// Depth Pro's network of a file, on the CPU. Its sizes are read from `config` (`FILE.json#NAME`; only the depth
-/// network's matter). Without `config`, they are those of Depth Pro's release, which equal those of SHARP's.
+/// Depth Pro's network from a file, on the CPU. Its sizes are read from `config` (`FILE.json#NAME`; only those of the
+/// depth network matter). Without `config`, they are those of Depth Pro's release, which equal SHARP's.
 ///
 /// # Errors
 /// [`NetworkError`] if the configuration cannot be read.
@@ -109,15 +109,15 @@ pub fn depth_pro_network(
     })
 }
 
-/// The network of a file. Its configuration is `config`, `STEM.json` next to the file, that of the release, or the only
-/// fitting one in the `.json` files next to the file.
+/// The network in a file. Its configuration is the first available of: `config`, `STEM.json` next to the file, the
+/// release's, or the only fitting one in the `.json` files next to the file.
 fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {
     let source = CheckpointSource::open(file)?;
     if is_depth_pro(&source) {
         let checkpoint = file.to_owned();
         return Err(NetworkError::DepthPro { checkpoint });
     }
-    // Allow further tensors here; whether they may stay unused is decided later.
+    // Allow additional tensors here; whether they may stay unused is decided later.
     let fits = |config: &ModelConfig| source.check(config, &[String::new()]);
     let mut notes = Vec::new();
     notes.extend(source.left_out().map(|prefix| {
@@ -161,8 +161,7 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     })
 }
 
-/// Configurations by `FILE#NAME`, from `STEM.json` next to the checkpoint, or if that has none,
-/// from all `.json` files next to it.
+/// Configurations by `FILE#NAME` in `STEM.json` next to the checkpoint, or if it has none, in all `.json` files there.
 fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     let own = checkpoint.with_extension("json");
     let of_file = |path: &Path| {

@@ -33,10 +33,10 @@ pub fn licence_text() -> String {
 pub const RESNET_ADDRESS: &str = "http://sceneparsing.csail.mit.edu/model/pytorch/ade20k-resnet50dilated-ppm_deepsup/\
                                   encoder_epoch_20.pth";
 
-/// Its name in our cache; `encoder_epoch_20.pth` would not say what it is.
+/// Its name in our cache; the original name, `encoder_epoch_20.pth`, is not descriptive.
 pub const RESNET_FILE: &str = "resnet50dilated.pth";
 
-/// A file whose authors publish no hash of it.
+/// A published file for which the authors provide no hash.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Release {
     /// Its name for `weights fetch`.
@@ -44,7 +44,7 @@ pub struct Release {
     /// File name in our cache.
     pub file: &'static str,
     pub published: &'static str,
-    /// Where it is fetched from.
+    /// Download address.
     pub address: String,
     pub network: ReleasedNetwork,
     /// Name and address.
@@ -53,7 +53,7 @@ pub struct Release {
     pub sizes: RangeInclusive<u64>,
 }
 
-/// The network that a file must hold.
+/// The network that a file must contain.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ReleasedNetwork {
     Sharp(Box<ModelConfig>),
@@ -77,8 +77,8 @@ fn sizes(parameters: u64) -> RangeInclusive<u64> {
 }
 
 impl Release {
-    /// SHARP's official release. Neither size nor hash of the file is published; the size follows from the number of
-    /// parameters, except for the table of contents.
+    /// SHARP's official release. Neither size nor hash of the file is published; apart from the table of contents, the
+    /// size follows from the number of parameters.
     pub fn official() -> Self {
         Self {
             name: "sharp",
@@ -107,7 +107,7 @@ impl Release {
         }
     }
 
-    /// Checks that a file holds the network; the error says what is wrong.
+    /// Checks that a file contains the network; the error states what is wrong.
     pub(super) fn check(&self, file: &Path) -> Result<(), String> {
         match &self.network {
             ReleasedNetwork::Sharp(config) => CheckpointSource::open(file)

@@ -9,8 +9,7 @@ use image::RgbImage;
 use super::{Movie, MovieError, check_size};
 use crate::io::atomic_files::{FileError, PartialFile};
 
-/// Maximum frames per second: viewers play a movie slowly if its delays are below two hundredths of
-/// a second.
+/// Maximum frames per second, because players slow down a movie whose delays are below two hundredths of a second.
 pub const MAX_FPS: u32 = 50;
 
 /// NeuQuant's sampling factor, from 1 (every pixel) to 30.
@@ -18,9 +17,9 @@ const SPEED: i32 = 1;
 
 /// A GIF that loops forever.
 ///
-/// Frames of at most 256 colours are stored exactly; for others NeuQuant computes a palette,
-/// without dithering. Delays are in hundredths of a second: at 30 frames per second some frames
-/// last 3 and some 4, so that the total duration is correct.
+/// Frames with at most 256 colours are stored exactly; for others, NeuQuant computes a palette, without dithering.
+/// Delays are in hundredths of a second: at 30 frames per second, some frames last 3 and others 4, so that the total
+/// duration is correct.
 pub struct GifMovie {
     encoder: gif::Encoder<PartialFile>,
     path: PathBuf,

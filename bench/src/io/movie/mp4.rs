@@ -13,8 +13,8 @@ use crate::io::atomic_files::{FileError, PartialFile};
 
 const FFMPEG: &str = "ffmpeg";
 
-/// BT.709's matrix in video range. The file states both, so that players need not guess; transfer
-/// and primaries are sRGB's.
+/// BT.709's matrix in video range. The file declares both, so that players need not guess. Transfer function and
+/// primaries are sRGB's.
 const FILTER: &str = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
 
 /// First line of `ffmpeg -version`; `None` if ffmpeg is not installed.
@@ -40,7 +40,7 @@ pub struct Mp4Movie {
     size: (u32, u32),
 }
 
-/// Chroma is shared by 2 × 2 pixels, so sides must be even: repeats the last row or column of an odd side.
+/// Repeats the last row or column of a frame with an odd side, because chroma is shared by 2 × 2 pixels.
 fn with_even_sides(frame: &RgbImage) -> Cow<'_, RgbImage> {
     let (width, height) = frame.dimensions();
     let (even_width, even_height) = (width.next_multiple_of(2), height.next_multiple_of(2));

@@ -70,9 +70,9 @@ struct State {
     /// files.
     source: Option<(String, Vec<Option<FileStamp>>)>,
     has_answered: bool,
-    /// Number of starts that ended before any answer.
-    vain_starts: usize,
-    /// Why the program will not be started again.
+    /// Number of starts without any answer.
+    failed_starts: usize,
+    /// Reason for not starting the program again.
     given_up: Option<String>,
 }
 
@@ -188,15 +188,14 @@ impl Command {
                 },
                 Err(Trouble::Ended) => {
                     let ended = process.stop();
-                    // A program may exit successfully after a pair; it is then started again for
-                    // the next pair.
+                    // A program may exit successfully after a pair. It is then started again for the next pair.
                     if !fresh && ended.succeeded() {
                         continue;
                     }
                     if fresh && !state.has_answered {
-                        state.vain_starts += 1;
+                        state.failed_starts += 1;
                     }
-                    if state.vain_starts == STARTS {
+                    if state.failed_starts == STARTS {
                         let what =
                             format!("not started again: it ended {STARTS} times before any answer");
                         let reason = ended.describe(&what);
@@ -207,7 +206,7 @@ impl Command {
                 }
                 Err(Trouble::Silent) => {
                     let secs = self.timeout.as_secs_f64();
-                    format!("no answer within {secs} s (timeout=), stopped")
+                    format!("no answer within {secs} s (timeout=), so it was stopped")
                 }
                 Err(Trouble::Garbage(text)) => text,
             };
@@ -221,13 +220,13 @@ fn notes_of(files: &NamedFiles) -> Vec<String> {
     let absent = files.absent.iter().map(|word| {
         format!(
             "its command line names {word}, which looks like a file but does not exist; if the program reads it, \
-             name it with files=PATTERN, so that results are made again when it changes"
+             name it with files=PATTERN, so that results are recomputed when it changes"
         )
     });
     let unseen = files.unseen.iter().map(|word| {
         format!(
-            "its command line names {word}, which may stand for files that are not hashed; list \
-             them with files=PATTERN, so that results are made again when they change"
+            "its command line names {word}, which may stand for files that are not hashed; list them with \
+             files=PATTERN, so that results are recomputed when they change"
         )
     });
     absent.chain(unseen).collect()

@@ -18,7 +18,7 @@ use super::protocol::{VERSION, excerpt, no_answer};
 /// Maximum length of an answer line, bytes.
 const LONGEST_LINE: u64 = 1 << 20;
 
-/// Number of lines buffered. A program that writes further unrequested lines has to wait.
+/// Number of lines buffered. A program that writes further unrequested lines is blocked.
 const LINES_AHEAD: usize = 2;
 
 /// How long a program may run after its input is closed.
@@ -53,14 +53,14 @@ pub(super) struct Process {
     stdin: Option<ChildStdin>,
     heard: Receiver<Heard>,
     /// The last non-empty line of the program's standard error.
-    last_words: Arc<Mutex<String>>,
+    last_error_line: Arc<Mutex<String>>,
     stderr: Option<JoinHandle<()>>,
 }
 
 #[derive(Debug)]
 pub(super) struct Ended {
     status: Option<ExitStatus>,
-    last_words: String,
+    last_error_line: String,
 }
 
 impl Ended {
@@ -75,8 +75,8 @@ impl Ended {
         if let Some(status) = self.status {
             text += &format!(" ({status})");
         }
-        if !self.last_words.is_empty() {
-            text += &format!("; its last output: {}", excerpt(&self.last_words));
+        if !self.last_error_line.is_empty() {
+            text += &format!("; its last output: {}", excerpt(&self.last_error_line));
         }
         text
     }
@@ -109,10 +109,10 @@ impl Process {
         if let Some(stdout) = child.stdout.take() {
             thread::spawn(move || listen(stdout, &say));
         }
-        let last_words = Arc::new(Mutex::new(String::new()));
+        let last_error_line = Arc::new(Mutex::new(String::new()));
         let stderr = child.stderr.take().map(|stderr| {
-            let last_words = Arc::clone(&last_words);
-            thread::spawn(move || copy_stderr(stderr, log.as_deref(), &last_words))
+            let last_error_line = Arc::clone(&last_error_line);
+            thread::spawn(move || copy_stderr(stderr, log.as_deref(), &last_error_line))
         });
         Ok(Self {
             stdin: child.stdin.take(),
@@ -120,7 +120,7 @@ impl Process {
             #[cfg(unix)]
             watchdog,
             heard,
-            last_words,
+            last_error_line,
             stderr,
         })
     }
@@ -192,8 +192,7 @@ impl Process {
     }
 
     fn end(&mut self, grace: Duration) -> Ended {
-        // If the program is to be killed at once, keep its input open: it could react to the end of
-        // input.
+        // If the program is to be killed at once, keep its input open, because it could react to the end of input.
         if !grace.is_zero() {
             self.stdin = None;
         }
@@ -216,10 +215,12 @@ impl Process {
                 thread::sleep(Duration::from_millis(5));
             }
         }
-        let last_words = self.last_words.lock();
+        let last_error_line = self.last_error_line.lock();
         Ended {
             status,
-            last_words: last_words.unwrap_or_else(PoisonError::into_inner).clone(),
+            last_error_line: last_error_line
+                .unwrap_or_else(PoisonError::into_inner)
+                .clone(),
         }
     }
 }
@@ -264,8 +265,7 @@ fn shell(run: &str) -> Command {
     command
 }
 
-/// Starts a process that kills a process group when this process dies: only then does the
-/// watchdog's input end without a line.
+/// Starts a process that kills a process group if this process dies: its standard input then ends without a line.
 #[cfg(unix)]
 fn watchdog(group: u32) -> io::Result<Child> {
     use std::os::unix::process::CommandExt;
@@ -330,7 +330,11 @@ fn write_to(log: Option<&Mutex<ProgramLog>>, bytes: &[u8]) {
     }
 }
 
-fn copy_stderr(mut stderr: impl Read, log: Option<&Mutex<ProgramLog>>, last_words: &Mutex<String>) {
+fn copy_stderr(
+    mut stderr: impl Read,
+    log: Option<&Mutex<ProgramLog>>,
+    last_error_line: &Mutex<String>,
+) {
     const RECENT: usize = 4096;
     let mut buffer = vec![0; 1 << 16];
     let mut recent = Vec::new();
@@ -345,7 +349,11 @@ fn copy_stderr(mut stderr: impl Read, log: Option<&Mutex<ProgramLog>>, last_word
         let text = String::from_utf8_lossy(&recent);
         let mut lines = text.lines().rev().map(str::trim);
         if let Some(line) = lines.find(|line| !line.is_empty()) {
-            line.clone_into(&mut last_words.lock().unwrap_or_else(PoisonError::into_inner));
+            line.clone_into(
+                &mut last_error_line
+                    .lock()
+                    .unwrap_or_else(PoisonError::into_inner),
+            );
         }
     }
 }

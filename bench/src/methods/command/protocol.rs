@@ -1,15 +1,14 @@
 //! Requests to the program and its answers: one line of JSON each.
 //!
-//! Request: `{"protocol":1,"pair_id":…,"source_picture":…,"write_to":…,"pair":{…}}`. The paths are
-//! absolute; `source_picture` is a PNG, `pair` is the `pair.json` of `pairs export`, `write_to` is
-//! where the program writes its PNG. With `depth=privileged`, `source_depth` is the source's true
-//! z-depth as `.npy`. With `scales=`, each pair is requested once per scale, and `scale` is the factor by which the
-//! program multiplies the distance of the two cameras in its own units; `pair` stays in metres.
+//! Request: `{"protocol":1,"pair_id":…,"source_picture":…,"write_to":…,"pair":{…}}`. Paths are absolute;
+//! `source_picture` is a PNG, `pair` is the `pair.json` of `pairs export`, and the program writes its PNG to
+//! `write_to`. With `depth=privileged`, `source_depth` is the source's true z-depth as `.npy`. With `scales=`, each
+//! pair is requested once per scale, and `scale` is the factor by which the program multiplies the cameras' distance in
+//! its own units; `pair` stays in metres.
 //!
-//! Answer: `{"pair_id":…}` if the picture was written there. Optional keys are `"picture":PATH` if
-//! it was written elsewhere (.png, .jpg, .exr, .npy), and `"extras":{NAME:NUMBER}` for additional
-//! columns of the scores. `{"pair_id":…,"error":REASON}` means that the program could not predict
-//! this pair and is ready for the next.
+//! Answer: `{"pair_id":…}` if the picture was written to `write_to`. Optional keys are `"picture":PATH` if it was
+//! written elsewhere (.png, .jpg, .exr, .npy), and `"extras":{NAME:NUMBER}` for additional columns of the scores.
+//! `{"pair_id":…,"error":REASON}` means that the program could not predict this pair and is ready for the next one.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

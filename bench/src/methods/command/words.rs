@@ -123,8 +123,7 @@ pub(super) fn named_files(
 fn add_imports(found: &mut Vec<PathBuf>) {
     let is_script = |path: &&PathBuf| path.extension().is_some_and(|e| e == "py");
     let mut open: Vec<PathBuf> = found.iter().filter(is_script).cloned().collect();
-    // A module is searched for next to the script, and a package's module next to the others of
-    // that package.
+    // Modules are searched for next to the script, and modules of a package next to the package's other modules.
     let mut roots: BTreeSet<PathBuf> = open.iter().map(|path| folder_of(path)).collect();
     while let Some(path) = open.pop() {
         let text = std::fs::read_to_string(&path).unwrap_or_default();

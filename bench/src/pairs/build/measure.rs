@@ -15,10 +15,9 @@ use crate::pairs::overlap::{OverlapOptions, overlap};
 use crate::pairs::overlap_cache::{DepthFacts, Overlaps, SceneOverlaps};
 use crate::pairs::valid_depth::density;
 
-/// Peak memory while reading a view's depth, in maps of its size: the unpacked file as 64-bit
-/// numbers (worth two maps) and the resulting map. Later only two are held: the stored and the
-/// undistorted map, or the map and the values for its median. Not counted: a scan shared by all
-/// views; if overlap uses a prediction, that prediction and its ratios to sparse depth.
+/// Peak memory while reading a view's depth, in maps of its size: the unpacked file as 64-bit numbers (two maps) and
+/// the resulting map. Later steps hold only two. Excludes a scan shared by all views, and for predicted depth, the
+/// prediction and its ratios to sparse depth.
 const COPIES_WHILE_READING: u64 = 3;
 
 /// Index of a view whose depth could not be read, and the error.
@@ -199,7 +198,7 @@ impl<'a> Measuring<'a> {
         }
     }
 
-    /// Measures the couples of which both views are held.
+    /// Measures the couples of views whose depth is loaded.
     fn between(
         &self,
         couples: &[(usize, usize)],

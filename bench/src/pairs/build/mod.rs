@@ -16,7 +16,7 @@ use super::overlap_cache::OverlapCache;
 use super::sampling::sample;
 use super::{Pair, PairError};
 
-/// Inputs of pair building other than scenes and options. Of these, only the depth used for overlap can change a pair.
+/// Inputs of pair building other than scenes and options. Only the source of depth can change a pair.
 #[derive(Clone)]
 pub struct BuildContext<'a> {
     pub depth: &'a dyn DepthSource,

@@ -189,7 +189,7 @@ impl<'a> SceneWork<'a> {
         enough
     }
 
-    /// Whether the distance of two views is in the requested range; counts it if not.
+    /// Whether the distance between two views is in the requested range; if not, counts the pair accordingly.
     fn is_in_range(&mut self, source: usize, target: usize) -> bool {
         let metres = self.baseline(source, target);
         let options = self.options;

@@ -299,7 +299,7 @@ mod cache {
         let fresh = cached(scenes, "", &OverlapCache::in_folder(&folder));
         assert_eq!(fresh.pairs, plain.pairs);
         assert_eq!((reads(), files(&folder).len()), (25, 1));
-        // As another process would do later.
+        // Build again, as another process would.
         let again = cached(scenes, "", &OverlapCache::in_folder(&folder));
         assert_eq!(again.pairs, plain.pairs);
         assert_eq!(again.summaries, plain.summaries);

@@ -38,8 +38,7 @@ impl GivenDepth {
         })
     }
 
-    /// Number of the scenes' views that have a map, and one SHA-256 over all these maps and their
-    /// names.
+    /// Number of views of the scenes that have a map, and one SHA-256 over all these maps and their names.
     ///
     /// # Errors
     /// [`PairError::Depth`] if a view has two maps, [`PairError::File`] if a map cannot be read.
@@ -63,8 +62,8 @@ impl GivenDepth {
     }
 }
 
-/// The depth map with this stem and one of the extensions. A PNG next to a float map is ignored,
-/// because it is taken for a visualisation.
+/// The depth map with this stem and one of the extensions. A PNG next to a map in floats is ignored, because it is
+/// probably a visualisation.
 ///
 /// # Errors
 /// [`PairError::Depth`] if there are two.
@@ -123,7 +122,7 @@ impl DepthSource for GivenDepth {
         let map = read_metres(&file)?;
         let (w, h) = map.dimensions();
         let (to_w, to_h) = (view.intrinsics.width, view.intrinsics.height);
-        // Tolerance: rounding may put the other side one pixel off the exact aspect ratio.
+        // Tolerate rounding, which may put the other side one pixel off the exact aspect ratio.
         let other = f64::from(w) * f64::from(to_h) / f64::from(to_w);
         if (w, h) != (to_w, to_h) && (other - f64::from(h)).abs() > 1.0 {
             return Err(PairError::DepthSize {

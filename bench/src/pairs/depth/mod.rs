@@ -49,8 +49,8 @@ impl DepthSource for GroundTruthDepth {
     }
 }
 
-/// Dense predicted depth, scaled by the median of its ratios to the dataset's sparse depth, as the
-/// paper does on ETH3D.
+/// Dense predicted depth, scaled by the median of the ratios of the dataset's sparse depth to it, as in the paper for
+/// ETH3D.
 #[derive(Debug, Clone)]
 pub struct ScaledToGroundTruth<S>(
     /// The dense prediction.
@@ -177,8 +177,7 @@ mod tests {
         assert_eq!(median_depth_m(&depth), Some(2.0));
         let even = DepthMap::from_vec(2, 1, vec![1.0, 2.0]).unwrap();
         assert_eq!(median_depth_m(&even), Some(1.5));
-        // No f32 lies between these two neighbours; their mean is computed in f64 and equals
-        // neither.
+        // No f32 lies between these two neighbours. Their mean is computed in f64 and equals neither.
         let next = 1.0_f32.next_up();
         let even = DepthMap::from_vec(2, 2, vec![next, 0.5, 1.0, 9.0]).unwrap();
         assert_eq!(median_depth_m(&even), Some(0.5 + 0.5 * f64::from(next)));
@@ -212,7 +211,7 @@ mod tests {
         .unwrap_err();
         assert_eq!(
             error.to_string(),
-            "scene/im0: depth is 4x4, the camera says 8x4"
+            "scene/im0: depth is 4x4, but the camera's image is 8x4"
         );
     }
 }

@@ -21,8 +21,8 @@ pub enum DepthNetwork {
     DepthPro,
 }
 
-/// Depth that a network predicts from the photograph and the dataset's focal length, as the network's authors do. Runs
-/// once per view.
+/// Depth that a network predicts from the photograph and the dataset's focal length, in the same way as its authors.
+/// Runs once per view.
 pub struct PredictedDepth {
     network: NetworkSpec,
     kind: DepthNetwork,
@@ -39,7 +39,7 @@ impl PredictedDepth {
     /// Creates a source from a checkpoint; its weights are loaded on first use.
     ///
     /// # Errors
-    /// If the checkpoint cannot be read, or is not Depth Pro's although it should be. Those of SHARP are checked where
+    /// If the checkpoint cannot be read, or is not the requested one of Depth Pro. SHARP checkpoints are checked when
     /// their configuration is found ([`named_network`](crate::io::checkpoint::named_network)).
     pub fn new(network: NetworkSpec, kind: DepthNetwork) -> Result<Self, PairError> {
         let source = Self {
@@ -119,7 +119,7 @@ impl DepthSource for PredictedDepth {
         format!("{name}(checkpoint sha256 {})", self.checkpoint_sha256)
     }
 
-    /// One prediction at a time: a single one already uses every core and gigabytes of memory.
+    /// Predicts one view at a time, because a single prediction already uses every core and gigabytes of memory.
     fn in_parallel(&self) -> bool {
         false
     }

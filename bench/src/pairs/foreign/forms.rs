@@ -57,7 +57,7 @@ struct SevaSplit {
     test_ids: Vec<FrameName>,
 }
 
-/// A list of positions, with an explanatory error for null.
+/// A list of positions; null gives an explanatory error.
 fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<FrameName>, D::Error> {
     let places: Option<Vec<u32>> = Option::deserialize(deserializer)?;
     let places = places.ok_or_else(|| {
@@ -73,7 +73,7 @@ pub(super) struct NamedPair {
     pub(super) scene: Option<String>,
     pub(super) source: FrameName,
     pub(super) target: FrameName,
-    /// The last position that the entry names, used or not.
+    /// The highest position that the entry names, used or not.
     pub(super) last: Option<FrameName>,
 }
 
@@ -191,8 +191,8 @@ pub(super) fn counts(entries: &[Entry]) -> ForeignCounts {
 }
 
 impl Entry {
-    /// The pairs in order. If an entry has several inputs, `context` chooses one for each target;
-    /// if it has three kinds of targets, only those of `slot` are returned.
+    /// The pairs in order. If an entry has several inputs, `context` chooses one for each target. If it has three kinds
+    /// of targets, only those of kind `slot` are returned.
     pub(super) fn pairs(
         &self,
         form: ListForm,
@@ -206,7 +206,7 @@ impl Entry {
                 (Context::First, &self.targets[slot as usize..][..1])
             }
         };
-        // A position beyond the scene also shows that the others count from 1.
+        // A position beyond the scene shows that the list counts from 1, so check the highest one.
         let last = self.inputs.iter().chain(targets).max().cloned();
         let last = last.filter(|_| matches!(form, ListForm::Index | ListForm::Seva));
         let pair = |target: &FrameName| {

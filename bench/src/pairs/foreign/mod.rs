@@ -53,7 +53,7 @@ pub enum Context {
     Nearest,
 }
 
-/// The target that is taken from a line with three.
+/// Which of a line's three targets is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TargetSlot {
     /// Five frames later
@@ -92,7 +92,7 @@ pub struct ForeignCounts {
     /// Entries with at least one target.
     pub with_pairs: usize,
     pub targets: usize,
-    /// Targets that are also inputs.
+    /// Number of targets that are also inputs.
     pub targets_that_are_inputs: usize,
 }
 
@@ -100,7 +100,7 @@ pub struct ForeignCounts {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportedPairs {
     pub pairs: Vec<Pair>,
-    /// Scenes of the list that no dataset has, each once.
+    /// Scenes of the list that are in no dataset, each once.
     pub absent: Vec<String>,
     /// Number of repeated pairs in the list.
     pub repeated: usize,

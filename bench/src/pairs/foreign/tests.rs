@@ -64,7 +64,7 @@ fn every_form_is_read_and_counted() {
     }
 }
 
-/// One scene of six views, from `view_000`, whose id ends with the key in the lists.
+/// A scene of six views, from `view_000` on, whose id ends with the key used in the lists.
 fn dataset() -> OpenDataset {
     let config = "S:synthetic=size=24x18,views=6,scenes=1".parse().unwrap();
     let mut dataset = OpenDataset::open_recorded(&config, &[], None).unwrap();
@@ -144,7 +144,7 @@ fn lists_become_pairs_of_the_dataset() {
             r#"{"b": {"context": [4], "target": [1]}}"#,
             "none of its scenes",
         ),
-        // Only the second context shows that the list counts from 1.
+        // Only the second context view shows that the list counts from 1.
         (
             r#"{"apple": {"context": [1, 6], "target": [2]}}"#,
             "position 6 of 6 views, counted from 0",

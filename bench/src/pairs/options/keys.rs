@@ -24,7 +24,7 @@ pub(super) const MEANINGS: [&str; 20] = [
     "whether two views make pairs in both directions, or only from the earlier to the later view",
     "what to do with views without depth: exclude them from pairs, accept their pairs without an overlap, or leave \
      them out before sets are formed",
-    "whose depth decides overlap; sparse alone is sparse:8",
+    "source of the depth that decides overlap; sparse alone means sparse:8",
     "when a pixel that lands inside the other picture, at depth z, counts as seen: consistent, if the depth there \
      differs from z by at most RELATIVE * z; frustum, always; absolute, if it differs by less than METRES + RELATIVE * z \
      and z exceeds NEAREST, in metres; map-anything, as absolute, with MapAnything's values",
@@ -111,7 +111,7 @@ macro_rules! numbers {
     };
 }
 
-/// Optional limits, with the word for no limit.
+/// Text form of optional limits, with a word for no limit.
 macro_rules! limits {
     ($($type:ty, $none:literal;)+) => {
         $(impl OptionValue for Option<$type> {

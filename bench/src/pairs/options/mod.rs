@@ -1,7 +1,7 @@
 //! Every choice that the paper leaves open, with its default and a text form.
 //!
 //! The text is one line of comma-separated `key=value`, in a fixed order. The command line accepts any subset in any
-//! order; results and manifests show all of it.
+//! order; results and manifests contain all keys.
 //!
 //! * `keys`: the table for reading, writing and `pairs --help-all`.
 //! * [`paper`]: values that are known to differ from the paper's.
@@ -72,8 +72,8 @@ impl OverlapDirection {
 /// Source of the depth that determines overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OverlapDepth {
-    /// The default: [`Self::DepthPro`] on datasets where the paper predicts depth, if its weights are found; else
-    /// [`Self::GroundTruth`]. Resolved before pairs are built.
+    /// The default: [`Self::DepthPro`] on datasets for which the paper predicts depth, if its weights are found;
+    /// otherwise [`Self::GroundTruth`]. Resolved before pairs are built.
     Auto,
     /// The dataset's own, pixel by pixel.
     GroundTruth,
@@ -81,13 +81,13 @@ pub enum OverlapDepth {
     /// projection agrees.
     #[value(skip)]
     Sparse { radius: u32 },
-    /// User-supplied maps, scaled to the dataset's own by the median of ratios: the paper's way on ETH3D.
+    /// User-supplied maps, scaled to the dataset's own depth by the median of ratios, as in the paper for ETH3D.
     Given,
     /// User-supplied maps in metres, not scaled.
     GivenMetric,
     /// The first depth layer of SHARP's official checkpoint, scaled like [`Self::Given`].
     SharpRelease,
-    /// Depth by Depth Pro's checkpoint, scaled like [`Self::Given`]: the paper's way on ETH3D.
+    /// Depth predicted by Depth Pro's checkpoint, scaled like [`Self::Given`], as in the paper for ETH3D.
     DepthPro,
 }
 
@@ -101,7 +101,7 @@ impl OverlapDepth {
         matches!(self, Self::Given | Self::GivenMetric)
     }
 
-    /// Whether a checkpoint predicts the depth.
+    /// Whether a checkpoint predicts the depth that determines overlap.
     pub fn takes_checkpoint(self) -> bool {
         matches!(self, Self::SharpRelease | Self::DepthPro)
     }
@@ -116,11 +116,11 @@ impl fmt::Display for OverlapDepth {
     }
 }
 
-/// How pairs are made from scenes. [`PairOptions::help`] lists the keys of the text form with
-/// values and defaults.
+/// How pairs are made from scenes. [`PairOptions::help`] lists the keys of the text form with their values and
+/// defaults.
 ///
-/// Sets, depth and overlap apply to multi-view scenes. The overlap of a stereo scene's single pair
-/// is measured, but the pair always qualifies. `min-baseline` and the keys after it apply to both.
+/// Sets, depth and overlap apply to multi-view scenes. The overlap of a stereo scene's single pair is measured, but the
+/// pair qualifies whatever its overlap. `min-baseline` and the keys after it apply to both kinds of scenes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[schemars(with = "BTreeMap<String, String>")]
 #[serde(
@@ -172,7 +172,7 @@ impl PairOptions {
         metres >= self.min_baseline_m && self.max_baseline_m.is_none_or(|most| metres <= most)
     }
 
-    /// A copy with the changes in `text`, which has the form that [`PairOptions`] are parsed from.
+    /// A copy with the changes in `text`, in the form that [`PairOptions`] are parsed from.
     ///
     /// # Errors
     /// [`PairError::Options`] if a change cannot be parsed or contradicts the other options.
@@ -202,7 +202,7 @@ impl PairOptions {
         options
     }
 
-    /// Checks constraints that the types do not express.
+    /// Checks constraints that the types do not enforce.
     ///
     /// # Errors
     /// [`PairError::Options`] names the key and its valid values.
@@ -270,7 +270,7 @@ impl PairOptions {
         choices.map(|(key, choice)| (key, choice.text())).collect()
     }
 
-    /// Help on every key: its values, default and meaning, in two lines each, indented by two blanks.
+    /// Help on every key: its values, default and meaning, two lines per key, indented by two blanks.
     pub fn help() -> String {
         let mut options = Self::default();
         let choices = options.choices().into_iter().zip(MEANINGS);

@@ -25,7 +25,7 @@ fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {
 const LIMIT: usize = 512;
 
 /// Keys whose values are known to differ from the paper for any of these kinds of datasets, given the number of
-/// selected pairs; in the order of the text form.
+/// selected pairs. Sorted as in the text form.
 fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec<&'static str> {
     let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::Stereo);
     // A limit that excluded no pair is equivalent to the paper's.

@@ -1,8 +1,8 @@
 //! Share of one view that is visible in another.
 //!
-//! The paper selects pairs by "depth overlap" above 60 % without defining it. Here it is directed: the pixels of one
-//! view are lifted by their depth and projected into the other, where each is either seen or not. All arithmetic is f64
-//! and the result is a count, so it depends neither on threads nor on summation order.
+//! The paper selects pairs by "depth overlap" above 60 % without defining it. Here overlap is directed: the pixels of
+//! one view are unprojected by their depth and projected into the other view, where each counts as seen or not. All
+//! arithmetic is f64 and the result is a count, so it depends neither on threads nor on the order of summation.
 
 use clap::ValueEnum;
 use glam::{DAffine3, DVec3};
@@ -12,8 +12,7 @@ use rayon::prelude::*;
 use super::depth::PosedDepth;
 use super::valid_depth::is_valid_depth;
 
-/// Condition for a projected pixel to count as seen, in addition to lying in front of the other camera and inside its
-/// image.
+/// Condition for a projected pixel to count as seen, besides lying in front of the other camera and inside its image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OverlapTest {
     Frustum,
@@ -48,16 +47,16 @@ impl OverlapTest {
 pub enum DepthLookup {
     /// The pixel that contains the position.
     Nearest,
-    /// Interpolation between the four surrounding centres, with the border repeated; not seen unless all four are
+    /// Interpolation between the four surrounding pixel centres, with the border repeated; unseen unless all four are
     /// valid.
     Bilinear,
-    /// Any valid pixel at most this many rows and columns from the one that contains the position; seen if one of them
-    /// agrees. For sparse depth, where a single pixel rarely has a value.
+    /// All valid pixels within this many rows and columns of the position's pixel; one that agrees suffices. For sparse
+    /// depth, where a single pixel rarely has a value.
     #[value(skip)]
     Window { radius: u32 },
 }
 
-/// Denominator of the share of seen pixels.
+/// Denominator of the share of pixels that are seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Denominator {
     /// Pixels with valid depth in the projected view.
@@ -73,7 +72,7 @@ pub struct OverlapOptions {
     pub test: OverlapTest,
     pub lookup: DepthLookup,
     pub denominator: Denominator,
-    /// Projects every `stride`-th pixel of every `stride`-th row, starting at `stride / 2`; ≥ 1.
+    /// Projects every `stride`-th pixel of every `stride`-th row, starting at `stride / 2`; at least 1.
     pub stride: u32,
     /// Longer side that depth maps are first reduced to; see [`PosedDepth::reduced`].
     pub max_side: Option<u32>,
@@ -96,7 +95,7 @@ impl Default for OverlapOptions {
 /// Counts from projecting one view's pixels into another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct OverlapCounts {
-    /// Projected pixels that the other view sees.
+    /// Projected pixels that are visible in the other view.
     pub seen: u64,
     /// Projected pixels, which all have valid depth.
     pub valid: u64,
@@ -118,7 +117,7 @@ impl OverlapCounts {
     }
 }
 
-/// Projects the pixels of `view` into `other` and counts those that `other` sees.
+/// Projects the pixels of `view` into `other` and counts those that are visible there.
 ///
 /// By default, the overlap of an ordered pair (source, target) is `overlap(target, source)`. The
 /// caller applies [`OverlapOptions::max_side`].
@@ -156,8 +155,8 @@ pub fn overlap(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) 
     counts
 }
 
-/// The pixels of `view` that `other` sees: row-major, one entry per pixel, false where depth is
-/// invalid. The stride is ignored.
+/// The pixels of `view` that are visible in `other`: row-major, one entry per pixel, false where depth is invalid.
+/// Ignores the stride.
 pub fn seen_mask(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> Vec<bool> {
     let projection = Projection::new(view, other);
     let (width, height) = view.depth().dimensions();

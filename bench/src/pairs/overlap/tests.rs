@@ -27,7 +27,7 @@ fn share(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> Opt
 
 #[test]
 fn a_sideways_step_uncovers_its_disparity() {
-    // 0.3 m at 2 m with f = 100: 15 px of 100. Slightly off, so that no pixel lands on an edge.
+    // 0.3 m at 2 m with f = 100 is 15 of 100 pixels; slightly more, so that no pixel lands on an edge.
     let (left, right) = (wall(0.0, 2.0), wall(0.301, 2.0));
     let options = OverlapOptions::default();
     assert_eq!(share(&right, &left, &options), Some(0.85));
@@ -126,7 +126,7 @@ fn a_stride_takes_the_middle_of_each_cell() {
     };
     let counts = overlap(&left, &right, &options);
     assert_eq!(counts.pixels, 25 * 20);
-    // Of columns 2, 6, … 98, those in 0–14 leave the image: 2, 6, 10, 14.
+    // Of columns 2, 6, … 98, the columns 2, 6, 10 and 14 leave the image.
     assert_eq!(counts.seen, 21 * 20);
 }
 
@@ -176,7 +176,7 @@ fn bilinear_lookup_needs_four_valid_pixels() {
     let nearest = overlap(&view, &other, &with(DepthLookup::Nearest));
     assert_eq!(nearest.seen, all - 1);
     let bilinear = overlap(&view, &other, &with(DepthLookup::Bilinear));
-    // Along y the weight of the next row is exactly 0, but the row must still be valid: two columns of two rows read
-    // the hole.
+    // Along y, the weight of the next row is exactly 0, but that row must still be valid, so two columns of two rows
+    // read the hole.
     assert_eq!(bilinear.seen, all - 4);
 }

@@ -1,9 +1,8 @@
 //! Pairs as a file that can be published, verified against local files and compared.
 //!
-//! CSV with one header line, `\n` line endings, rows sorted bytewise by `pair_id`, numbers in the
-//! shortest form that parses back to the same value, an empty field for an unknown value,
-//! `selected` as `true` or `false`. The SHA-256 of a list is that of the file as read: a byte order
-//! mark, other line endings or another order of rows, as left by an editor, are kept.
+//! CSV with one header line, `\n` line endings, rows sorted bytewise by `pair_id`, numbers in the shortest form that
+//! parses back to the same value, an empty field for an unknown value, `selected` as `true` or `false`. The SHA-256 of
+//! a list is that of the file as read, even if an editor changed its byte order mark, line endings or order of rows.
 
 mod csv_form;
 mod diff;
@@ -112,8 +111,8 @@ impl PairList {
         }
     }
 
-    /// The union of this list and a newer one. If a pair is in both, the newer row is used; the
-    /// pair is selected if either row is.
+    /// The union of this list and a newer one. If a pair is in both, the newer row is used; the pair is selected if
+    /// either list selects it.
     #[must_use]
     pub fn joined(&self, newer: &Self) -> Self {
         let by_id = |list: &Self| -> BTreeMap<String, Pair> {

@@ -1,4 +1,4 @@
-//! A published number, and the readings (ways to compute it) that may explain it.
+//! A published number, and the readings (ways to compute it) that may have produced it.
 
 use std::collections::BTreeMap;
 
@@ -11,15 +11,14 @@ use crate::evaluate::record::Record;
 use crate::report::column::Column;
 use crate::report::tables::rank::rounded;
 
-/// Values closer than this count as the same value computed in a different order.
+/// Values that differ by less count as the same, computed in a different order.
 const SAME: f64 = 1e-9;
 
-/// Which pairs are averaged.
+/// Selection of the averaged pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SceneReading {
     All,
-    /// If several scenes show one place in different light, exposure or rectification, only the
-    /// first.
+    /// Of several scenes that show one place in different light, exposure or rectification, only the first.
     OneAPlace,
 }
 
@@ -57,7 +56,8 @@ pub enum Agreement {
     Equal,
     /// Several readings with different values round to the published number.
     Ambiguous,
-    /// No reading rounds to the published number, which lies between the smallest and largest reading, up to rounding.
+    /// No reading rounds to the published number, but it lies between the smallest and the largest reading, up to
+    /// rounding.
     Inside,
     /// The published number lies beyond all readings.
     Outside,
@@ -87,9 +87,9 @@ pub struct CellExplanation {
     /// The metric as published.
     pub metric: Column,
     pub published: f64,
-    /// The run's own value: default variant, its own mean over all pairs.
+    /// The run's own value: default variant, averaged over all pairs as in the run.
     pub as_scored: Option<f64>,
-    /// Number of pairs in the run; readings cover those whose picture was kept.
+    /// Number of pairs in the run. Readings cover only pairs whose picture was kept.
     pub pairs: usize,
     /// Readings over the largest number of pairs, the run's own first.
     pub readings: Vec<ReadingValue>,
@@ -97,7 +97,7 @@ pub struct CellExplanation {
 }
 
 impl CellExplanation {
-    /// Whether a value rounds to the published number.
+    /// Whether a value would be printed as the published number.
     pub fn prints(&self, value: f64) -> bool {
         rounded(value, self.metric.decimals) == self.published
     }
@@ -203,13 +203,13 @@ pub(super) fn cell(
             }
         }
     }
-    // Values over fewer pairs are not comparable, so they are left out.
+    // Leave out values over fewer pairs, which are not comparable.
     for scenes in [SceneReading::All, SceneReading::OneAPlace] {
         let of_scenes = values.iter().filter(|value| value.reading.scenes == scenes);
         let most = of_scenes.map(|value| value.n).max();
         values.retain(|value| value.reading.scenes != scenes || Some(value.n) == most);
     }
-    // The run's own reading first: the default variant, then in order of definition.
+    // Sort the run's own reading (default variant) first, the others in order of definition.
     let default: Option<MetricKey> = metric.family().parse().ok();
     let own_mean = Averaging::Of(aggregation);
     values.sort_by_key(|value| {

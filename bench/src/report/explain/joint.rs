@@ -7,7 +7,7 @@ use crate::evaluate::readings::PictureReading;
 
 use super::cells::{Averaging, CellExplanation, ReadingValue, SceneReading};
 
-/// A reading of all metrics: the nearest variant of each, everything else being the same for all.
+/// A reading of all metrics: for each metric the nearest variant; everything else is the same for all metrics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointReading {
     pub column: &'static str,
@@ -41,7 +41,7 @@ pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
         for value in cells.iter().flat_map(|cell| &cell.readings) {
             let reading = value.reading;
             let key = (reading.picture, reading.scenes, reading.averaging);
-            // Pooled errors are a reading of PSNR alone.
+            // Pooled errors apply only to PSNR, so they cannot be a joint reading.
             if reading.averaging != Averaging::PooledError && !shared.contains(&key) {
                 shared.push(key);
             }

@@ -40,7 +40,6 @@ pub struct Explanation {
     pub absent: Vec<String>,
 }
 
-/// The explanation for a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExplainedRun {
     pub path: PathBuf,
@@ -82,8 +81,8 @@ pub fn explain_run(
 }
 
 impl ExplainedRun {
-    /// Whether a number lacks pairs of the run, or nothing could be compared. Ignores metrics that
-    /// were not requested.
+    /// Whether a number covers too few pairs of the run, or nothing could be compared. Ignores metrics that were not
+    /// requested.
     pub fn lacks_pairs(&self) -> bool {
         let cells = &self.explanation.cells;
         let is_read = |dataset: &str| {

@@ -79,7 +79,7 @@ fn readings_that_print_alike_and_differ_are_ambiguous() {
         "{values:?}"
     );
     assert_eq!(cell.verdict, Agreement::Ambiguous);
-    // With three decimals only one of them prints as published.
+    // With three decimals, only one of them equals the published number.
     assert_eq!(explained(Family::Lpips, 3, 0.42).verdict, Agreement::Equal);
 }
 

@@ -17,9 +17,9 @@ use super::cells::{Agreement, CellExplanation};
 use super::joint::JointReading;
 use super::{ExplainedRun, Explanation};
 
-/// Maximum number of joint readings shown per dataset; files have all of them.
+/// Maximum number of joint readings shown per dataset; files contain all of them.
 const SHOWN: usize = 6;
-/// Maximum number of candidates named per cell.
+/// Maximum number of readings named per cell.
 const NAMED: usize = 8;
 
 /// One reading of one cell, as written to files.

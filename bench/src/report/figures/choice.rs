@@ -11,10 +11,10 @@ use crate::report::column::Column;
 use crate::report::error::ReportError;
 use sharp_plots::PlotError;
 
-/// How pairs of each dataset are chosen, by the first metric.
+/// How pairs of each dataset are chosen, judged by the first metric.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Choice {
-    /// The pairs of median difficulty, which is the mean score of the ranked methods.
+    /// The pairs of median difficulty, where difficulty is the mean score of the ranked methods.
     #[default]
     Median,
     /// The pairs with the worst scores.
@@ -93,7 +93,6 @@ impl Default for PairsChoice {
     }
 }
 
-/// A pair with its dataset.
 #[derive(Clone, Copy)]
 pub struct ChosenPair<'a> {
     pub dataset: &'a DatasetBoard<'a>,
@@ -147,8 +146,7 @@ pub fn chosen<'a>(
         let first = match choose {
             Choice::Worst | Choice::Loses(..) => 0,
             Choice::Best => n - count,
-            // The pairs around the middle; if the number of pairs is even, starts with the easier
-            // of the two.
+            // The pairs around the median. For an even number of pairs, the easier of the two middle ones comes first.
             Choice::Median => (n / 2)
                 .saturating_sub(count.saturating_sub(1) / 2)
                 .min(n - count),
@@ -182,7 +180,7 @@ pub fn along_path<'a>(
             sources.push((id(&pairs[0]), pairs_of.collect()));
         }
     }
-    // In a controlled sweep, each step is a scene with one pair; all have their cluster's source.
+    // In a controlled sweep, each step is a scene with one pair, and all have the source of their cluster.
     let found = match source {
         Some(wanted) => sources.iter().position(|(id, _)| id == wanted),
         None => {

@@ -16,8 +16,8 @@ use crate::report::error::{MissingPicture, ReportError};
 use crate::report::error_map::false_colours;
 
 /// Input, view and inverse depth of each pair. Depth is read from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the
-/// target's camera, metres). Without a folder, uses the depth of the kept rendering, as in the paper. If none was kept,
-/// uses the dataset's depth of the target, or else of the source. The caption states which.
+/// target's camera, metres). Without a folder, uses the depth of the kept rendering, as in the paper; if none was kept,
+/// the dataset's depth of the target, or else of the source. The caption states which.
 ///
 /// # Errors
 /// If there is not exactly one method, or the folder does not exist.

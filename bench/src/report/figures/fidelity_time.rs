@@ -96,7 +96,7 @@ pub fn figure(
                 if measured.is_some() {
                     by_speed.insert(label);
                 }
-                // Clocks have nanosecond resolution, and a logarithmic axis cannot show zero.
+                // A clock may measure zero, which a logarithmic axis cannot show.
                 let median = measured.or_else(in_run)?.max(1e-6);
                 Some((m, median, of_metric(dataset, m, &metric.key).mean?))
             });
@@ -148,7 +148,7 @@ pub fn figure(
     panels::figure(&title, &caption, &legend, &drawn, Some(style)).map(Some)
 }
 
-/// States how the times were measured; `by_speed` lists the methods measured by `speed`.
+/// States how the times were measured; `by_speed` names the methods measured by `speed`.
 fn caption(by_speed: &[&str], shown: usize) -> String {
     const IN_RUN: &str = "median wall seconds of inference and rendering per pair as recorded in the run, while the \
                           previous pair was being scored; an inference shared by several pairs counts in full for \

@@ -50,7 +50,7 @@ pub enum SheetKind {
     Ablation(PairsChoice),
     /// As `Ablation`, for the targets of one source by increasing baseline.
     ExtendedMotion(PathChoice),
-    /// Input, view and inverse depth of one method; depth from a folder, or else from the rendering.
+    /// Input, view and inverse depth of one method. Depth is read from the folder, if given, else from the rendering.
     Failure(PairsChoice, Option<PathBuf>),
 }
 
@@ -100,8 +100,8 @@ pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure
     Ok(plots::histogram(&board, Some(style))?)
 }
 
-/// Plots a metric against seconds per pair, measured by `speed` if available for the method; `None` if no method has
-/// both.
+/// Plots a metric against seconds per pair, as measured by `speed` for the methods that it covers. `None` if no method
+/// has both.
 ///
 /// # Errors
 /// As [`baselines`](baselines()), and if the metric does not exist or a folder cannot be read.

@@ -68,7 +68,7 @@ impl SheetContent<'_> {
         }
     }
 
-    /// One row per method, then the truth if any target has one; the input comes first if all pairs share it.
+    /// One row per method, then the truth if any target has one. If all pairs share one input, it comes first.
     pub fn pairs_as_columns(&self, one_source: bool) -> Sheet {
         let row = |label: &str, tile: &dyn Fn(&ChosenPair<'_>) -> Tile| {
             (

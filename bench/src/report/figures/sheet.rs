@@ -115,7 +115,6 @@ pub struct Sheet {
 }
 
 impl Sheet {
-    /// Number of columns.
     pub fn columns(&self) -> usize {
         let rows = self.rows.iter().map(|(_, tiles)| tiles.len());
         rows.max().unwrap_or(0).max(self.heads.len())

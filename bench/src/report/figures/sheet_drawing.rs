@@ -1,4 +1,4 @@
-//! Draws a sheet: the places of its pictures, frames and lines of text, and its files.
+//! Draws a sheet: places its pictures, frames and lines of text, and writes its files.
 
 use std::path::{Path, PathBuf};
 
@@ -56,7 +56,7 @@ struct Layout {
 }
 
 impl Sheet {
-    /// Writes the sheet in print quality as SVG, PNG and PDF. SVG and PDF contain the pictures' own pixels.
+    /// Writes the sheet in print quality as SVG, PNG and PDF. SVG and PDF embed the pictures at their own resolution.
     ///
     /// # Errors
     /// If it has no picture, its columns are too narrow for text, or a file cannot be written or is not ours.
@@ -238,7 +238,7 @@ impl Layout {
         }
         for (shown, at) in &self.pictures {
             for ((x, y, w, h), ink) in &shown.frames {
-                // The middle of the line lies half its width inside the rectangle.
+                // The middle of the line is half its width inside the rectangle.
                 let (x, y) = point((at.0 + x, at.1 + y));
                 let (left, top) = (x + width / 2.0, y + width / 2.0);
                 let (right, bottom) = (left + f64::from(*w) - width, top + f64::from(*h) - width);
@@ -416,7 +416,7 @@ mod tests {
             ["p, m: the part 45,0,10,5 extends beyond its 50 × 25 pixels"]
         );
         let drawn = sheet.draw(&medium()).unwrap();
-        // The picture is enlarged twice, the part ten times.
+        // The picture is enlarged by 2, the part by 10.
         assert_eq!(drawn.dimensions(), (100, 50 + 4 + 50 + 4));
         assert_eq!(drawn.get_pixel(40, 20), &Rgb([255, 0, 0]));
         assert_eq!(drawn.get_pixel(39, 19), &Rgb([10; 3]));
@@ -460,7 +460,8 @@ mod tests {
         });
         assert_eq!(sizes.collect::<Vec<_>>(), [(50, 25), (10, 5)]);
         assert!(svg.contains(">0.1234") || svg.contains("0.1234\n"), "{svg}");
-        // A frame on the picture, and one on the part, each with five sides, so that its last corner is closed.
+        // A frame on the picture and one on the enlarged part, each with five points, so that its last corner is
+        // closed.
         assert_eq!(svg.matches("<polyline").count(), 2);
     }
 

@@ -21,11 +21,10 @@ use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::report::error::ReportError;
 use crate::report::error_map::false_colours;
 
-/// Smallest difference that is shown in the brightest colour.
+/// Smallest difference that has the brightest colour.
 const BRIGHTEST: f32 = 0.5;
 
-/// Depth of a picture and of the mirrored picture; the latter is not mirrored back. Both have the
-/// same size.
+/// Depth of a picture, and depth of the mirrored picture, not mirrored back. Both maps have the same size.
 pub struct Mirrored {
     /// Name such as `layer 1`; empty for a map without layers.
     pub name: String,
@@ -76,9 +75,9 @@ impl Mirrored {
     }
 }
 
-/// Depth by a checkpoint of Depth Pro, or both layers of one of SHARP (`mini` for the bundled one), for a picture and its
-/// mirror image; `config` is the architecture, `FILE.json#NAME`, by default the release's. The focal length is not
-/// needed, because it scales both depths alike and does not affect their relative difference.
+/// Depth predicted by a checkpoint of Depth Pro, or both layers by one of SHARP (`mini` for the bundled one), for a
+/// picture and its mirror image. `config` is the architecture, `FILE.json#NAME`, by default the release's. No focal
+/// length is needed, because it scales both depths alike.
 ///
 /// # Errors
 /// If the network cannot be read or does not accept the picture.

@@ -244,7 +244,7 @@ fn aggregation(compared: &ChecklistInput<'_>) -> Condition {
 /// Condition on whether the rows use true depth.
 fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     let wants = compared.paper.made_by == MadeBy::PrivilegedRun;
-    // The paper sweeps scales for methods whose depth cannot be aligned.
+    // Sweeping scales counts too: the paper does so for methods whose depth cannot be aligned.
     let is_told = |method: &MethodRecord| {
         let sweeps = method
             .identity
@@ -297,7 +297,7 @@ fn whole_pictures(compared: &ChecklistInput<'_>, measured: &[&DatasetBoard<'_>])
         (
             "the best of several scales",
             match compared.paper.made_by {
-                // The paper sweeps scales here, which `privilege` states.
+                // The paper sweeps scales in this table, which `privilege` states.
                 MadeBy::PrivilegedRun => 0,
                 _ => count(|r| r.scale.is_some()),
             },

@@ -17,8 +17,8 @@ use super::rows::{OwnRow, OwnRows, RowError};
 #[derive(Debug, Clone, Default)]
 pub struct Beside {
     pub rows: Vec<OwnRow>,
-    /// At most one variant per metric. If a metric has none, the default variant is shown, or else
-    /// the first that all rows have.
+    /// At most one variant per metric. For a metric that is not listed, the default variant is shown, or else the first
+    /// that all rows have.
     pub metrics: Vec<MetricKey>,
     /// Whether to omit datasets for which the user has no number.
     pub only_measured: bool,
@@ -119,8 +119,8 @@ pub(super) fn with_rows(
     }
 }
 
-/// Puts the user's rows below published ones, with the identities of the user's metrics. Datasets
-/// that are not in the paper come last, without published numbers.
+/// Puts the user's rows below the published ones, with the identities of the user's metrics. Datasets that are not in
+/// the paper come last.
 fn below(mut published: Table, own: Table) -> Table {
     let mut table = own;
     let none = Cell::dash();
@@ -163,7 +163,7 @@ fn below(mut published: Table, own: Table) -> Table {
     table
 }
 
-/// The variant that fills the column of each of the paper's metrics.
+/// For each of the paper's metrics, the variant that fills its column.
 fn columns(paper: &PublishedTable, board: &Board<'_>, wanted: &[MetricKey]) -> Vec<Column> {
     let scored = &board.metrics;
     let methods = 0..board.methods.len();

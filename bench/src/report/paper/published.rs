@@ -35,7 +35,6 @@ pub enum MadeBy {
     Checkpoint,
 }
 
-/// A table of the paper.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PublishedTable {
     /// Name on the command line and in file names.
@@ -75,7 +74,6 @@ pub static TABLES: LazyLock<Vec<PublishedTable>> = LazyLock::new(|| {
     tables.collect()
 });
 
-/// The table with this name.
 pub fn published(name: &str) -> Option<&'static PublishedTable> {
     TABLES.iter().find(|table| table.name == name)
 }
@@ -181,7 +179,7 @@ impl PublishedTable {
         }
     }
 
-    /// A note on the published numbers, for readers who compare others with them.
+    /// A note on the published numbers, for readers who compare other numbers with them.
     fn caveat(&self) -> String {
         let is = match self.made_by {
             MadeBy::Run | MadeBy::PrivilegedRun => {
@@ -297,7 +295,7 @@ fn column(name: &str) -> Column {
     }
 }
 
-/// A metric of which only the family is known.
+/// A metric whose variant is unknown.
 pub(crate) fn metric(family: Family) -> Column {
     let key = match family {
         Family::Psnr => MetricKey::PSNR,
@@ -354,8 +352,7 @@ mod tests {
         assert_eq!(percent("DISTS"), (21.0, 43.0));
         let remark = &table.table(&[0]).remarks[0];
         assert!(remark.contains("DISTS 21–43 %, LPIPS 25–34 %"), "{remark}");
-        // SHARP is not compared with the best row of each column: TMPI is ahead of Gen3C on
-        // Middlebury.
+        // Not over the best row of each column: TMPI is ahead of Gen3C on Middlebury.
         assert!(gains(table, ["SHARP (ours)", "TMPI"], "LPIPS").unwrap().0 < 0.20);
     }
 

@@ -139,7 +139,7 @@ impl std::str::FromStr for OwnRow {
 pub enum OwnRows {
     /// Results with one row per method.
     Scores(Box<Results>),
-    /// Rows of a table without pairs, with its measured columns.
+    /// Rows of a table that has no pairs, and its measured columns.
     Measured {
         /// Datasets that are not in the table; their cells follow those of the table's datasets.
         datasets: Vec<String>,
@@ -294,7 +294,7 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
         lines.retain(|line| line.method == method);
         read.push((row, lines));
     }
-    // The paper's name of a line's dataset, or the user's if the paper has none.
+    // The paper's name of the line's dataset, or else the user's name.
     let place = |line: &SpeedLine| {
         let of_paper = column(&ReportDataset::of(&line.dataset, &line.format));
         let of_paper = of_paper.filter(|column| paper.datasets.contains(column));

@@ -10,14 +10,13 @@ use sharp_plots::bins::{Bin, Cuts, bins};
 /// The place beyond which the mean of every bin is above zero.
 ///
 /// There, the line from the last bin whose mean is not above zero to the next bin crosses zero. If there are empty bins
-/// between the two, the crossing is at the second bin.
+/// between them, the crossing is at the position of the next bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossing {
-    /// −∞ if already above zero in the first bin, ∞ if not above zero in the last.
+    /// The crossing: −∞ if already above zero in the first bin, ∞ if not above zero in the last.
     pub x: f64,
-    /// 95 % interval of the place over resampled clusters: as many as there are, drawn whole with
-    /// replacement. `None` for fewer than two clusters. Ends may be infinite, like the place
-    /// itself.
+    /// 95 % interval of the place over resampled clusters: the same number of whole clusters, drawn with replacement.
+    /// `None` for fewer than two clusters. Its ends may be infinite, like the place itself.
     pub interval: Option<(f64, f64)>,
     pub clusters: usize,
 }
@@ -27,7 +26,7 @@ pub struct Crossing {
 pub struct Sample<'a> {
     pub x: f64,
     pub value: f64,
-    /// Samples of the same cluster depend on each other.
+    /// Samples of the same cluster are not independent.
     pub cluster: &'a str,
 }
 
@@ -131,7 +130,7 @@ mod tests {
     fn the_line_between_neighbouring_bins_crosses_zero() {
         // From −1 at 0.5 to 3 at 1.5: crosses zero a quarter of the way.
         assert_eq!(of(&[(0.5, -1.0), (1.5, 3.0), (2.5, 9.0)]), 0.75);
-        // Above zero for a while: the place is where it stays above.
+        // Above zero twice: the crossing is where it stays above.
         assert_eq!(of(&[(0.5, -1.0), (1.5, 3.0), (2.5, -1.0), (3.5, 1.0)]), 3.0);
         assert_eq!(of(&[(0.5, 0.0), (1.5, 1.0)]), 0.5);
     }
@@ -162,8 +161,7 @@ mod tests {
             .flat_map(|_| [cluster("a", 3.0), cluster("b", -1.0)].concat())
             .collect();
         let found = Crossing::of(&samples, &cuts(), RESAMPLING).unwrap();
-        // Together the means are −1 and 1. A quarter of the resamples has a twice, another quarter
-        // has b twice.
+        // Together the means are −1 and 1. A quarter of the resamples contains a twice, another quarter b twice.
         assert_eq!(found.x, 1.0);
         assert_eq!(found.interval, Some((0.75, f64::INFINITY)));
         assert_eq!(found, Crossing::of(&samples, &cuts(), RESAMPLING).unwrap());

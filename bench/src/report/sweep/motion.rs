@@ -29,7 +29,8 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// The quantities by which breakdowns divide pairs. Excludes `Disoccluded`, which divides pairs as `Overlap` does.
+    /// The quantities by which breakdowns divide pairs. Excludes `Disoccluded`, which gives the same division as
+    /// `Overlap`.
     pub const DIVIDING: [Self; 4] = [
         Self::BaselineM,
         Self::RotationDeg,

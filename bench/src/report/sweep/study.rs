@@ -24,7 +24,7 @@ pub struct Sweep {
     pub metrics: Vec<Column>,
     /// Panels with at least one line.
     pub panels: Vec<SweepPanel>,
-    /// Panels whose pairs have no score or unknown motion.
+    /// Panels whose pairs all lack a score or have unknown motion.
     pub without_lines: Vec<SweepPanel>,
     /// Crossings in the order of panels, their lines, and metrics.
     pub crossings: Vec<FoundCrossing>,
@@ -41,7 +41,7 @@ pub struct SweepPanel {
     pub pairs: usize,
     /// Number of pairs with unknown motion.
     pub unplaced: usize,
-    /// Number of pairs outside all bins: beyond the given edges, or too far for the bins' resolution.
+    /// Number of pairs outside all bins: beyond the given edges, or too far from zero for the bins' resolution.
     pub outside: usize,
     pub lines: Vec<SweepLine>,
 }
@@ -63,7 +63,7 @@ pub struct SweepLine {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepBin {
     pub banded: Banded,
-    /// 95 % interval of the mean over clusters; `None` if unbounded, as for a single cluster.
+    /// 95 % interval of the mean over clusters; `None` if it is unbounded, as for a single cluster.
     pub interval: Option<(f64, f64)>,
 }
 
@@ -325,7 +325,7 @@ fn score(record: &Record, metric: &Column) -> Option<f64> {
     score.value().filter(|value| !value.is_nan())
 }
 
-/// 95 % interval of the mean; `None` if unbounded: for a single cluster, or an infinite value.
+/// 95 % interval of the mean; `None` if it is unbounded, for a single cluster or an infinite value.
 fn mean_interval(sample: &Clusters, resampling: Resampling) -> Option<(f64, f64)> {
     let (low, high) = infer(&[sample], resampling).ok()?.interval;
     let bounded = sample.n_clusters() > 1 && low.is_finite() && high.is_finite();

@@ -77,7 +77,7 @@ pub fn crossings_csv(sweep: &Sweep) -> Vec<u8> {
     csv_bytes(CROSSINGS.split(','), rows)
 }
 
-/// The rule as text: `behind METHOD`, or `below VALUE` or `above VALUE`, whichever is worse.
+/// The rule as text: `behind METHOD`, or the worse of `below VALUE` and `above VALUE`.
 pub fn rule(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     let side = match sweep.metrics[crossing.metric].direction {
         Some(Direction::Higher) => "below",
@@ -89,7 +89,6 @@ pub fn rule(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     }
 }
 
-/// A crossing as a sentence.
 pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     let metric = &sweep.metrics[crossing.metric];
     let x = crossing.found.x;

@@ -187,8 +187,8 @@ fn a_method_falls_behind_and_below() {
         .iter()
         .map(|c| (c.method.as_str(), &c.rule, c.found.x))
         .collect();
-    // The infinite score of `a` is above the limit. The other method loses 19 dB from 0.25 m to 0.5
-    // m and reaches 15.5 half-way; it is first 4 dB ahead and then 4 dB behind.
+    // The infinite score of `a` is above the limit. The other method loses 19 dB from 0.25 m to 0.5 m, reaches 15.5
+    // half-way, and goes from 4 dB ahead of `a` to 4 dB behind.
     assert_eq!(
         found,
         [

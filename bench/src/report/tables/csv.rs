@@ -6,7 +6,7 @@ use super::{Table, letter};
 use crate::evaluate::results::number;
 use crate::io::text::{csv_bytes, csv_cell};
 
-/// Formats a text as a cell.
+/// A text as a cell that spreadsheets do not evaluate.
 pub fn text(text: &str) -> String {
     csv_cell(text).into_owned()
 }

@@ -36,7 +36,7 @@ pub(super) fn feature_mark(column: &Column) -> Option<String> {
 }
 
 /// How the predictions of method number `method` differ from whole pictures of the target's size: cropped, resized,
-/// the best of several scales, or partly excluded by masks.
+/// chosen among several scales, or partly excluded by masks.
 pub(super) fn prediction_marks(
     dataset: &DatasetBoard<'_>,
     method: usize,
@@ -54,7 +54,7 @@ pub(super) fn prediction_marks(
             100.0 * mean
         );
         marks.push(if dataset.dataset.common_region {
-            // Does not name the method, so that methods that have all pairs share one footnote.
+            // Without the method's name, so that methods share one footnote.
             format!("{name}: {scored}, the common region of all methods.")
         } else {
             format!(
@@ -64,7 +64,7 @@ pub(super) fn prediction_marks(
     }
     let valid: Vec<f64> = records.iter().filter_map(|r| r.valid_share).collect();
     if let Some(mean) = mean(&valid) {
-        // Does not name the method, as above.
+        // Without the method's name, too.
         marks.push(format!(
             "{name}: dataset masks cover part of {} of {of} targets (on average {:.1} % of the pixels); masked pixels are \
              not scored.",
@@ -112,7 +112,7 @@ pub(super) fn cell_notes(
         notes.push(format!("{dataset} has no pairs."));
     } else if n == 0 {
         notes.push(match cell.absences.as_slice() {
-            // Names neither method nor dataset, so that all cells share one footnote.
+            // Without method and dataset, so that all cells share one footnote.
             [(reason, _)] => format!("No {} (`{}`): {reason}.", column.label, column.key),
             absences => format!(
                 "{method} on {dataset}: no number for any of {total} pairs: {}.",

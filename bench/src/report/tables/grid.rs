@@ -18,7 +18,6 @@ pub struct TextGrid {
     pub remarks: Vec<String>,
 }
 
-/// A cell of a [`TextGrid`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GridCell {
     pub text: String,

@@ -188,7 +188,7 @@ pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
-            // At the start of a row, these would be parsed as an argument of the `\\` before it.
+            // At the start of a row, these would be parsed as an argument of the preceding `\\`.
             '[' | '*' if out.trim_ascii().is_empty() => out.extend(['{', c, '}']),
             '\\' => out.push_str("\\textbackslash{}"),
             '~' => out.push_str("\\textasciitilde{}"),

@@ -15,9 +15,9 @@ pub struct RankedValue<'a> {
     pub ranked: bool,
 }
 
-/// Ranks 1, 2 and 3 after rounding to `decimals`; equal numbers share a rank, and the next rank
-/// counts all numbers before it (1, 1, 3). If some rows are complete, only these are ranked. If
-/// none is, rows are ranked only if they all cover the same pairs. A single row has no rank.
+/// Ranks 1, 2 and 3 after rounding to `decimals`. Equal numbers share a rank, and the next rank counts all numbers
+/// before it (1, 1, 3). If some rows are complete, only these are ranked. If no row is complete, rows are ranked only
+/// if they all cover the same pairs. A single row has no rank.
 pub fn ranks(
     candidates: &[RankedValue<'_>],
     direction: Option<Direction>,

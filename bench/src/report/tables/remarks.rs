@@ -12,11 +12,11 @@ use crate::report::statistics::of_extra;
 use super::Table;
 use super::rank::rounded;
 
-/// Minimum share of empty pixels for a remark on the holes of a method that scores worse than a baseline.
+/// Minimum share of empty pixels at which a remark mentions the holes of a method that scores worse than a baseline.
 const HOLES: f64 = 0.01;
 
-/// The metrics with a score in some record, and a sentence on why the others have none. If no
-/// metric has a score, returns all metrics; their cells then give the reason.
+/// The metrics that have a score in some record, and a sentence on why the others have none. If no metric has a score,
+/// returns all metrics; their cells then state the reason.
 pub(in crate::report) fn scored(
     records: &[Record],
     metrics: &[Column],
@@ -74,7 +74,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     for (d, dataset) in board.datasets.iter().enumerate() {
         let mut ahead_of_all = Vec::new();
         let mut behind_one = Vec::new();
-        // By method, the columns in which it is behind a baseline while another method is not.
+        // For each method, the columns in which it is behind a baseline while another method is not.
         let mut behind: BTreeMap<usize, Vec<String>> = BTreeMap::new();
         for (c, name) in names.iter().enumerate() {
             let (baselines, others): (Vec<Entrant<'_>>, Vec<Entrant<'_>>) =

@@ -61,15 +61,14 @@ fn the_same_records_in_any_order_give_the_same_bytes_and_load_nothing() {
     assert!(first.contains_key("plots/motion-psnr.png"));
     assert!(first == second);
     let html = String::from_utf8(first["index.html"].clone()).unwrap();
-    // Two sources, two targets, and predictions and errors of `a`; for `b`, the reasons why they
-    // are missing.
+    // Two sources, two targets, and the predictions and errors of `a`; for `b`, the reasons why they are missing.
     assert_eq!(html.matches("\"data:image/jpeg;base64,").count(), 2 + 2 + 4);
     assert!(html.contains("not kept") && html.contains("failed: p2.ply: truncated"));
     for outside in ["http://", "https://", "<link", "@import", "url("] {
         let rest = html.replace("http://www.w3.org/2000/svg", "");
         assert!(!rest.contains(outside), "{outside}");
     }
-    // The tiles, the table and Markdown have the same counts.
+    // The tiles, the table and the Markdown contain the same counts.
     let markdown = String::from_utf8(first["report.md"].clone()).unwrap();
     assert!(markdown.contains("1 dataset, 1 scene, 2 pairs, 2 methods, 1 metric, 1 failure. "));
     for tile in [
@@ -148,7 +147,7 @@ fn a_metric_without_any_number_is_named_once_and_shown_nowhere() {
     }
 }
 
-/// Pixels that are not scored are not shown as errors.
+/// Errors at pixels that are not scored are not shown.
 #[test]
 fn error_pictures_show_what_is_not_scored_as_such() {
     let region = Region {
@@ -224,7 +223,7 @@ fn many_pairs_have_their_pictures_beside_the_page_and_what_is_gone_is_removed() 
         let thumbs = std::fs::read_dir(dir.path().join("thumbs"));
         (written, html, thumbs.map_or(0, Iterator::count))
     };
-    // Each pair has source, target, prediction and error; equal pictures are one file.
+    // Each pair has source, target, prediction and error; equal pictures share one file.
     let (written, html, thumbs) = write(&records, None);
     let shown: Vec<&str> = html.split("\"thumbs/").skip(1).collect();
     let names: BTreeSet<&str> = shown.iter().map(|rest| &rest[..20]).collect();
@@ -250,7 +249,7 @@ fn pictures_shrink_until_all_pairs_fit() {
     let pair = |at: usize| record("d", &format!("p{at:02}"), "noise", 0.1, &[("psnr", 20.0)]);
     let mut results = psnr((0..30).map(pair).collect());
     let run = tempfile::tempdir().unwrap();
-    // Noise compresses worst of all pictures.
+    // Noise compresses worse than any other picture.
     keep(&mut results, run.path(), |record| {
         let bytes = record.pair_id.bytes();
         let mut state = bytes.fold(1_u32, |a, b| a * 31 + u32::from(b));

@@ -26,7 +26,7 @@ fn coverage_is_shown_and_incomplete_rows_are_not_ranked() {
     let [a, b] = [0, 1].map(|row: usize| &table.rows[row].cells[0]);
     assert_eq!((a.value, a.coverage), (Some(25.0), Some((2, 2))));
     assert_eq!((b.value, b.coverage), (Some(40.0), Some((1, 2))));
-    // b has a better mean, but over other pairs; a alone is not ranked.
+    // b has a better mean, but over other pairs, and a alone is not ranked.
     assert_eq!((a.rank, b.rank), (None, None));
     let note = &table.notes[b.notes[0]];
     assert!(
@@ -104,8 +104,7 @@ fn latex_prints_labels_as_they_are() {
         escaped,
         r"50\%\_a\&b\#\{c\}\$d\textasciicircum{}\textasciitilde{}\textbackslash{}"
     );
-    // OT1 has neither glyph. At the start of a row, `[` would be parsed as an option of the rule
-    // before it.
+    // OT1 has glyphs for neither. At the start of a row, `[` would be parsed as an option of the preceding rule.
     assert_eq!(latex::escape("[a]\"`é"), "{[}a]\\char34{}\\`{}é");
     assert_eq!(
         latex::escape("中✓e\u{301}ð\n"),
@@ -205,7 +204,7 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
     }
     // A footnote does not remove a rank.
     assert!(table.rows.iter().all(|row| row.cells[0].rank == Some(1)));
-    // A common region is not attributed to a method.
+    // A note on the common region names no method.
     results.manifest.common_region = true;
     let table = mean_tables(&results, None).unwrap().remove(0);
     let said = "d: 2 of 2 pairs scored only on part of the target (on average 62.5 % of the pixels), the common region of \
@@ -419,7 +418,7 @@ fn uncertainty_is_that_over_scenes_in_every_form() {
     // The name is in the legend and below its points.
     let label = format!(">\n{}\n</text>", board.methods[0].label);
     assert_eq!(svg.matches(&label).count(), 2, "{svg}");
-    // Of a single scene nothing can be said.
+    // With a single scene there is no spread.
     let one = psnr(small_run());
     assert!(drawn(&Board::of(&one).unwrap()).is_none());
     let one = mean_tables(&one, Some(Uncertainty::Se)).unwrap().remove(0);

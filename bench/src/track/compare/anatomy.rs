@@ -1,9 +1,8 @@
 //! Differences by class of target pixel, determined from the depth of both views: visible in the
 //! source, hidden, outside the source, or close to a depth edge.
 //!
-//! PSNR is computed over a class's pixels. SSIM and LPIPS are the means of their maps over those
-//! pixels, although windows and receptive fields extend across the border of a class. DISTS has no
-//! map and is left out.
+//! PSNR is computed over a class's pixels. SSIM and LPIPS are the means of their maps over those pixels, although
+//! windows and receptive fields extend beyond the class. DISTS has no map and is left out.
 
 use std::collections::BTreeMap;
 
@@ -31,19 +30,19 @@ const EDGE_RADIUS: i64 = 3;
 /// A class has scores only if it has at least this share of a pair's scored pixels.
 const LEAST_SHARE: f64 = 0.001;
 
-/// Class of a target pixel for a method that sees only the source. Each pixel has the first matching class, in this
-/// order.
+/// Class of a target pixel, for methods that use only the source. If several classes apply, the first in this order is
+/// taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PixelClass {
     /// Within three pixels of a pixel whose depth differs from a neighbour's by more than 5 % of the nearer depth.
     DepthEdge,
-    /// No valid depth here or in the source, or the source sees a farther surface at this point.
+    /// No valid depth here or in the source, or the source has a farther surface at this point.
     Unknown,
     /// Behind the source camera, or outside its image.
     OutsideSource,
     /// The source's depth at this point agrees within 5 %.
     Visible,
-    /// The source shows something nearer at this point.
+    /// The source has a nearer surface at this point.
     Disoccluded,
 }
 
@@ -226,7 +225,7 @@ impl RunComparison {
         Ok(anatomy)
     }
 
-    /// Metrics on whole pictures that have per-pixel values. Adds a note on the metrics without.
+    /// Metrics on whole pictures that have per-pixel values. Adds a note on the metrics that do not.
     fn mapped_metrics(&self, notes: &mut Vec<String>) -> Vec<MetricInfo> {
         let metrics = self.results.manifest.metrics.iter().map(|m| &m.info);
         let (mapped, others): (Vec<_>, Vec<_>) = metrics
@@ -372,20 +371,18 @@ mod tests {
 
     #[test]
     fn a_board_before_a_wall_hides_what_lies_behind_it() {
-        // The target is 10 m to the right of the source (f 10 px), so the wall moves by 10 columns and the board by 20.
-        // In the source the board is at 40..50, in the target at 20..30.
+        // The target is 10 m to the right of the source (f 10 px), so the wall moves by 10 columns and the board by 20:
+        // from 40..50 in the source to 20..30 in the target.
         let source = view(0.0, wall(40..50));
         let target = view(-10.0, wall(20..30));
         let found = classes(&target, &source);
         let row: Vec<PixelClass> = found[4 * 60..5 * 60].to_vec();
-        // Around the board's edges (19|20 and 29|30): the adjacent pixels and three more to each
-        // side.
+        // Around the board's edges (19|20 and 29|30): the adjacent pixels, and three more on each side.
         for x in [16, 19, 20, 23, 26, 29, 30, 33] {
             assert_eq!(row[x], PixelClass::DepthEdge, "{x}");
         }
         assert_eq!(row[24], PixelClass::Visible);
-        // The target's wall at x is at x + 10 in the source; there, for 30..40, it is behind the
-        // board.
+        // Column x of the target's wall is column x + 10 of the source, so for 30..40 it is behind the board.
         assert_eq!(
             (row[34], row[39]),
             (PixelClass::Disoccluded, PixelClass::Disoccluded)
@@ -416,7 +413,7 @@ mod tests {
             PixelClass::Unknown
         );
         assert_eq!(class(&plain, &view(0.0, holed)), PixelClass::Unknown);
-        // The source sees a farther surface.
+        // The source has a farther surface.
         let far = DepthMap::from_pixel(60, 9, Luma([30.0]));
         assert_eq!(class(&plain, &view(0.0, far)), PixelClass::Unknown);
         let behind = DepthMap::from_pixel(60, 9, Luma([1.0]));
@@ -460,7 +457,7 @@ mod tests {
 
     #[test]
     fn means_are_those_of_the_map_inside() {
-        // A map that lacks the picture's outermost rows and columns.
+        // A map without the picture's outermost rows and columns.
         let map = ScoreMap {
             values: image::ImageBuffer::from_vec(2, 1, vec![0.25, 0.75]).unwrap(),
             origin: 1,

@@ -1,7 +1,7 @@
 //! Differences by part: the pairs of each dataset by scene, and by bins of camera motion.
 //!
-//! Descriptive only: the 95 % intervals are not corrected for the number of parts. For
-//! significance, see the [rows](super::ScoreChange).
+//! Descriptive only: the 95 % intervals are not corrected for the number of parts. For significance, see the
+//! [rows](super::ScoreChange).
 
 use std::collections::BTreeMap;
 
@@ -47,7 +47,7 @@ impl Division {
         }
     }
 
-    /// The divided quantity; `None` if unknown or not finite.
+    /// The quantity that divides the pairs; `None` if unknown or not finite.
     fn value(self, record: &Record) -> Option<f64> {
         match self {
             Self::Scene | Self::Pixels => None,

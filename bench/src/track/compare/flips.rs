@@ -1,4 +1,4 @@
-//! Pairs on which two compared methods changed their order.
+//! Pairs on which two methods changed places between two runs.
 
 use std::collections::BTreeMap;
 

@@ -23,7 +23,7 @@ use crate::io::counts::counted;
 use crate::pairs::pair_id::PairName;
 use rows::Sides;
 
-/// Dataset name of the row over all datasets, the unweighted mean of their means.
+/// Name of the row over all datasets, which contains the unweighted mean of their means.
 pub use crate::pairs::dataset::ALL_DATASETS as ALL;
 
 /// Why two runs cannot be compared.
@@ -111,12 +111,12 @@ pub struct ScoreChange {
     /// Number of planned pairs that lack the score on at least one side.
     #[serde(skip)]
     pub left_out: usize,
-    /// Number of scenes in the dataset minus that of physical scenes; several scenes may show the same one.
+    /// Number of the dataset's scenes that show the same physical scene as an earlier one.
     #[serde(skip)]
     pub merged_scenes: usize,
     /// p of the sign-flip test over scenes, only for single datasets; exact for up to 14 scenes.
     pub p_sign_flip: Option<f64>,
-    /// Smallest possible p of that test with this number of scenes.
+    /// Smallest p that the sign-flip test can give with this number of scenes.
     pub p_sign_flip_floor: Option<f64>,
     /// Why interval and p are missing.
     #[serde(skip)]
@@ -126,7 +126,6 @@ pub struct ScoreChange {
     pub decimals: usize,
 }
 
-/// A verdict as one word.
 pub fn verdict_word(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Better => "better",
@@ -152,7 +151,6 @@ pub struct Against {
     pub joined: [String; 2],
 }
 
-/// A comparison of two runs.
 #[derive(Debug, Clone)]
 pub struct RunComparison {
     /// Run folder or bundle.
@@ -195,7 +193,7 @@ impl<'a> PairChange<'a> {
 }
 
 impl RunComparison {
-    /// The pairs with a score of a metric on both sides, largest loss first, ties by id. NaN counts as worse than any
+    /// The pairs with a score of a metric on both sides, largest loss first, then by id. NaN counts as worse than any
     /// number.
     pub fn changes(&self, against: &Against, metric: &MetricInfo) -> Vec<PairChange<'_>> {
         let mut changes = self.sides(against).changes(metric);
@@ -231,8 +229,8 @@ fn order_by_loss(changes: &mut [PairChange<'_>]) {
     });
 }
 
-/// Compares run B with run A. `methods` are pairs of labels `(in A, in B)`. If empty, compares
-/// methods with the same label, or the only method of each run.
+/// Compares run B with run A. `methods` are pairs of labels `(in A, in B)`. If it is empty, compares methods with the
+/// same label, or the only method of each run.
 ///
 /// # Errors
 /// If a run cannot be read, or the runs differ in anything but the methods: metrics, scoring rules,
@@ -308,8 +306,7 @@ pub fn compare_results(
     Ok(comparison)
 }
 
-/// Rows for two methods, with notes. Fails with the difference that makes the methods incomparable,
-/// if any.
+/// Rows and notes for two methods. The error is a difference that makes the methods incomparable.
 fn rows(
     comparison: &RunComparison,
     against: &Against,
@@ -480,9 +477,9 @@ fn planned_pairs<'a>(results: &'a Results, label: &str) -> BTreeSet<&'a str> {
 fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
     let (only_a, only_b) = (a.difference(b).count(), b.difference(a).count());
     let first = a.symmetric_difference(b).next()?;
-    // A run stores the whole list, even if it was limited.
+    // A run stores the whole list of pairs, even if `--limit` was used.
     let hint = match (only_a, only_b) {
-        (0, _) | (_, 0) => "; if one was run with --limit, run the other with the same",
+        (0, _) | (_, 0) => "; if one was run with --limit, run the other with the same limit",
         _ => "",
     };
     Some(format!(

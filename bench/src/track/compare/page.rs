@@ -40,7 +40,8 @@ pub struct PairLine<'a> {
 }
 
 impl RunComparison {
-    /// All strata: [`RunComparison::breakdown`] of every method and metric, and those of `anatomy`, in the order of the tables.
+    /// All strata: the [`RunComparison::breakdown`] of every method and metric, and the strata of `anatomy`, in the
+    /// order of the tables.
     pub fn strata(&self, anatomy: &[Anatomy]) -> Vec<Stratum> {
         let mut strata = Vec::new();
         for against in &self.against {
@@ -85,8 +86,8 @@ impl RunComparison {
         json
     }
 
-    /// The pairs of each method and metric, largest loss first: all pairs, or up to this many of
-    /// the largest losses and gains each.
+    /// The pairs of each method and metric, largest loss first. With `of_either_end`, only up to this many of the
+    /// largest losses, and of the largest gains.
     pub fn pair_lines(&self, of_either_end: Option<usize>) -> Vec<PairLine<'_>> {
         let mut lines = Vec::new();
         for against in &self.against {

@@ -28,7 +28,7 @@ impl<'a> Sides<'a> {
     pub(super) fn region_difference(&self) -> Option<String> {
         let (a, _) = self.both().find(|(a, b)| a.crop != b.crop)?;
         Some(format!(
-            "other parts of the target of {} are scored",
+            "different parts of the target of {} are scored",
             a.pair_id
         ))
     }
@@ -43,9 +43,9 @@ impl<'a> Sides<'a> {
         scored.collect()
     }
 
-    /// One row per dataset with planned pairs, and one over all if there are several. If a dataset
-    /// has no scores on one side, its row and the one over all have no numbers. `datasets` are
-    /// names and numbers of planned pairs.
+    /// One row per dataset with planned pairs, and if there are several datasets, one row over all. If a dataset has no
+    /// scores on one side, neither its row nor the one over all has numbers. `datasets` are names and numbers of
+    /// planned pairs.
     pub(super) fn rows(
         &self,
         datasets: &[(&'a str, usize)],

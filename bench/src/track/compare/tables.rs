@@ -199,7 +199,7 @@ pub(in crate::track) fn p_text(p: f64) -> String {
 }
 
 fn cells(row: &ScoreChange) -> Vec<GridCell> {
-    // Single scores have one decimal fewer, because means of many pairs are compared here.
+    // One decimal more than for single scores, because means of many pairs are compared here.
     let decimals = row.decimals + 1;
     let number = |value: f64| GridCell::rounded(value, decimals);
     let p = |value: Option<f64>| GridCell::optional(value, p_text);

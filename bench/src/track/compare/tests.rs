@@ -41,7 +41,7 @@ fn rows(a: &[Record], b: &[Record], datasets: &[&str]) -> Vec<ScoreChange> {
     )
 }
 
-/// Scores of `scenes` × 4 pairs; `change` is added per scene.
+/// Scores of `scenes` × 4 pairs; `change` is added for each scene.
 fn scored(dataset: &str, scenes: usize, change: impl Fn(usize, usize) -> f64) -> Vec<Record> {
     let pairs = (0..scenes).flat_map(|scene| (0..4).map(move |number| (scene, number)));
     let score =
@@ -88,7 +88,7 @@ fn a_drop_is_worse_on_its_dataset_and_the_mean_of_datasets_counts_them_equally()
             .iter()
             .all(|row| row.p_holm >= row.p && row.mde.unwrap() > 0.0)
     );
-    // The smallest p possible with the signs of six scenes.
+    // The smallest p that the signs of six scenes allow.
     assert_eq!(
         (d.p_sign_flip, d.p_sign_flip_floor),
         (Some(0.03125), Some(0.03125))
@@ -102,7 +102,7 @@ fn a_difference_within_what_is_negligible_is_none() {
     let [row] = &rows(&scored("D", 7, |_, _| 0.0), &tiny, &["D", "absent"])[..] else {
         panic!("one dataset has pairs");
     };
-    // Within 0.05 dB.
+    // Differs by less than 0.05 dB.
     assert_eq!(row.verdict, Verdict::None);
 }
 
@@ -263,7 +263,7 @@ fn pairs_are_parted_by_scene_and_by_how_far_the_camera_moved() {
         parts(Division::Scene),
         [part("0", &["0", "1"]), part("1", &["2", "3"])]
     );
-    // The lower end is part of the bin.
+    // A bin contains its lower end.
     assert_eq!(
         parts(Division::Motion(Motion::BaselineM)),
         [
@@ -273,8 +273,7 @@ fn pairs_are_parted_by_scene_and_by_how_far_the_camera_moved() {
             part("0.20 to 0.25", &["3"])
         ]
     );
-    // The value is unknown for two of four pairs. A value that is equal for all pairs does not
-    // divide them.
+    // The value is unknown for two of four pairs. A value that is the same for all pairs does not divide them.
     assert_eq!(
         parts(Division::Motion(Motion::RelativeMotion)),
         [part("0.10 to 0.15", &["3"]), part("0.25 to 0.30", &["0"])]

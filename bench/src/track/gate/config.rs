@@ -23,7 +23,7 @@ pub struct GateConfig {
     pub fail_if: Vec<Limit>,
     /// Maximum number of pairs per dataset with a score in A but none in B.
     pub missing_pairs: usize,
-    /// By metric, the difference that the runs must be able to detect.
+    /// The difference that the runs must be able to detect, by metric.
     pub require_power: BTreeMap<MetricName, f64>,
 }
 
@@ -101,7 +101,7 @@ impl fmt::Display for MetricName {
     }
 }
 
-/// Part of the data that a limit applies to.
+/// The part of the data that a limit applies to.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Scope {
     /// Each dataset, and the mean over them.
@@ -132,7 +132,7 @@ pub enum Resource {
 impl Resource {
     pub(super) const ALL: [Self; 2] = [Self::SecondsPerPair, Self::PeakMemory];
 
-    /// Smallest meaningful value in A, seconds or MiB.
+    /// Smallest value in A that can be judged, seconds or MiB.
     pub(super) fn least(self) -> f64 {
         match self {
             Self::SecondsPerPair => 0.05,

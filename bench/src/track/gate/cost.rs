@@ -65,7 +65,7 @@ fn device_difference(
                 ));
             }
             [None, ..] => {
-                return Some(format!("{side} does not say which processor predicted"));
+                return Some(format!("{side} does not state which processor predicted"));
             }
         }
     }

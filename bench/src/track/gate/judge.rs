@@ -54,7 +54,7 @@ pub(super) fn judge(
     })
 }
 
-/// A check, with its subject if it is about a metric.
+/// A check, and its subject if it concerns a metric.
 type Judged<'a> = (Check, Option<Subject<'a>>);
 
 struct Judge<'a> {
@@ -65,7 +65,7 @@ struct Judge<'a> {
     datasets: Vec<&'a str>,
 }
 
-/// The subject of a limit on a metric.
+/// What a limit on a metric is applied to: two methods and one variant of the metric.
 #[derive(Clone, Copy)]
 struct Subject<'a> {
     limit: &'a Limit,
@@ -95,7 +95,7 @@ impl Subject<'_> {
         Check::of(self.limit.to_string(), &key, self.against, dataset)
     }
 
-    /// Single scores have one decimal fewer, because means of many pairs are compared here.
+    /// One decimal more than for single scores, because means of many pairs are compared here.
     fn decimals(&self) -> usize {
         self.info.decimals + 1
     }
@@ -201,7 +201,7 @@ impl<'a> Judge<'a> {
         judged
     }
 
-    /// Checks, per dataset, for pairs that have a score in A but none, or NaN, in B.
+    /// Checks each dataset for pairs that have a score in A but none, or NaN, in B.
     fn coverage(&self, against: &Against) -> Vec<Check> {
         let [a, b] = against.joined.each_ref().map(|label| {
             let records = self.comparison.results.records.iter();
@@ -264,7 +264,7 @@ impl<'a> Judge<'a> {
             let rows = self.comparison.rows.iter().filter(of_metric);
             let mut rows = rows.filter(|row| row.no_inference != Some(NoInference::NoPairs));
             let Some(row) = rows.find(|row| row.dataset == place) else {
-                // Methods of a run need not have the same datasets, so scores are only asked for where A has some.
+                // Methods need not cover the same datasets, so require scores only where A has some.
                 let is_asked =
                     dataset.is_some() || self.has_scores(&against.joined[0], info, place);
                 return is_asked.then(|| unscored(check));
@@ -306,7 +306,7 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Why a row cannot detect the difference in `require_power`. Passes if both sides are equal,
+    /// Why a row cannot detect the difference in `require_power`, if one is required. `None` if both sides are equal,
     /// because there is nothing to detect.
     fn lacks_power(&self, info: &MetricInfo, row: &ScoreChange) -> Option<String> {
         let required = self.config.require_power.iter();
@@ -331,8 +331,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Applies a limit to each scene: returns all checks that fired, or if none did, the closest
-    /// one.
+    /// Applies a limit to each scene. Returns all checks that fired; if none did, the check closest to firing.
     fn scenes(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
         let place = dataset.unwrap_or(ALL);
         let strata = self.comparison.breakdown(subject.against, subject.info);

@@ -1,6 +1,5 @@
-//! Decides whether run B may replace run A. Limits fire if a score is worse by more than allowed
-//! *and* chance is an unlikely cause, if single scenes are worse, if pairs lost their scores, or if
-//! predictions cost more.
+//! Decides whether run B may replace run A. Limits fire if a score is worse by more than allowed *and* chance is an
+//! unlikely cause, if single scenes are worse, if pairs lost their scores, or if predictions cost more.
 //!
 //! * [`config`]: limits and their text form; [`output`]: tables, JUnit XML and Markdown.
 //! * `judge`: applies limits on scores and coverage to a comparison; `cost`: limits on time and
@@ -92,7 +91,7 @@ pub struct Check {
     pub p_holm: Option<f64>,
     /// Minimum detectable effect with 80 % power.
     pub mde: Option<f64>,
-    /// Why the state is what it is, in one line; empty if the numbers suffice.
+    /// Reason for the state, in one line; empty if the numbers suffice.
     pub reason: String,
     /// Decimals in tables.
     #[serde(skip)]
@@ -109,7 +108,6 @@ pub struct WorsePair {
     pub loss: f64,
 }
 
-/// Result of a gate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GateReport {
     pub a: PathBuf,

@@ -114,7 +114,7 @@ fn limits_without_a_place_hold_on_each_dataset_and_over_all() {
     assert_eq!(places("psnr < -0.1 on E"), [place("E", passed)]);
     assert_eq!(places("psnr < -0.1 on all"), [place("all", fired)]);
     assert_eq!(places("psnr < -0.1 on E per scene"), [place("E", passed)]);
-    // A dataset that no run has scores for is skipped, unless a limit names it.
+    // A dataset for which no run has scores is skipped, unless a limit names it.
     let half = || {
         let mut records = both(&nothing);
         records
@@ -154,7 +154,7 @@ fn what_cannot_be_averaged_never_passes_silently() {
     let report = judged(infinite(), crossed, &limit).unwrap();
     assert_eq!(states(&report), [CheckState::Fired]);
     assert!(report.checks[1].reason.contains("not a number"));
-    // NaN in B counts as a lost pair. NaN in A does not, but the mean is still not a number.
+    // NaN in B counts as a lost pair. NaN in A does not, but it makes the mean NaN.
     let nan = || with(2, f64::NAN, fresh());
     let report = judged(fresh(), nan(), &limit).unwrap();
     assert_eq!(report.checks[0].state, CheckState::Fired);
@@ -168,8 +168,7 @@ fn what_cannot_be_averaged_never_passes_silently() {
         (report.checks[0].state, report.checks[1].state),
         (CheckState::Passed, CheckState::Fired)
     );
-    // With one scene and one pair there is no p, whatever the drop; limits per scene do not need
-    // one.
+    // With one scene and one pair there is no p, whatever the drop. Limits per scene do not need p.
     let limits = config(&["psnr < -0.1", "psnr < -0.1 per scene"]);
     let report = judged(scored("D", 1, nothing), scored("D", 1, drop), &limits).unwrap();
     assert_eq!(
@@ -383,7 +382,7 @@ fn costs_count_on_one_device_only() {
         checks(&[x(1.0), x(1.0)], &[x(1.0), x(1.3)])[0].state,
         CheckState::Fired
     );
-    // A pair that is missing on one side is ignored on both.
+    // A pair that is missing on one side is ignored on both sides.
     assert_eq!(
         checks(&[x(1.0), x(1.0)], &[x(1.0)])[0].state,
         CheckState::Passed
@@ -403,7 +402,7 @@ fn costs_count_on_one_device_only() {
         (
             vec![timing(None, 1.0)],
             vec![x(1.0)],
-            "A does not say which processor",
+            "A does not state which processor",
         ),
         (vec![x(1.0)], vec![], "B has no times"),
         (vec![x(0.04)], vec![x(1.0)], "below 0.05"),

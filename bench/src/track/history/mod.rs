@@ -215,7 +215,7 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
         let mut file = PartialFile::create(&path)?;
         file.write_all(&bytes)
             .map_err(FileError::new(&path, "write"))?;
-        // Another process may have written an entry first, possibly with the same run; then try again.
+        // Another process may have written this entry first, possibly from the same run. If so, try again.
         if file.commit_new()? {
             return Ok(Added {
                 path,
@@ -261,8 +261,8 @@ fn entry_path(dir: &Path, number: u32) -> PathBuf {
     dir.join(format!("{number:04}.zip"))
 }
 
-/// The numbers of all names that have the form of [`entry_path`], even if they are not files, and
-/// one other name, if any. Ignores names that begin with a dot.
+/// The numbers of all names of the form of [`entry_path`], even if they are not files, and one other name, if there is
+/// any. Ignores names that begin with a dot.
 fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     let entries = fs::read_dir(dir).map_err(FileError::new(dir, "read"))?;
     let (mut numbers, mut foreign) = (BTreeSet::new(), None);
@@ -281,7 +281,7 @@ fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     Ok((numbers, foreign))
 }
 
-/// Path of an entry's file. Links are an error, because their target may change.
+/// Path of an entry's file. A link is an error, because its target may change.
 fn entry_file(dir: &Path, number: u32) -> Result<PathBuf, FileError> {
     let path = entry_path(dir, number);
     let kind = fs::symlink_metadata(&path).map_err(FileError::new(&path, "read"))?;

@@ -31,7 +31,7 @@ struct HistoryPage<'a> {
     history: &'a History,
     /// One figure per metric.
     figures: &'a [Figure],
-    /// Points with events, each with its series.
+    /// Points with events, and their series.
     events: &'a [(&'a Series, &'a Point)],
     changes: usize,
     /// Whether plots have several panels.

@@ -27,7 +27,7 @@ fn plain(_: &str, scene: usize, number: usize) -> f64 {
     20.0 + (scene * 7 % 5) as f64 + 0.5 * number as f64
 }
 
-/// Factor by which a change affects a scene: 0.5 to 1.5.
+/// Factor by which a change affects a scene, 0.5 to 1.5.
 fn share(scene: usize) -> f64 {
     0.5 + (scene * 3 % 8) as f64 / 7.0
 }
@@ -170,7 +170,7 @@ impl Folder {
 /// Verdict, rule and reference entry of a change point.
 type Marked = (Verdict, Rule, u32);
 
-/// For each entry of the only series: the entry that it continues, and its change point.
+/// For each entry of the only series: the entry that it is compared with, and its change point.
 fn course(history: &History) -> Vec<(Option<u32>, Option<Marked>)> {
     let [series] = &history.series[..] else {
         panic!("{} series", history.series.len());
@@ -192,11 +192,10 @@ fn entries_are_in_the_order_of_adding_and_nothing_is_written_over() {
     assert!(first.is_new && first.number == 1 && first.path.ends_with("0001.zip"));
     let bytes = std::fs::read(&first.path).unwrap();
 
-    // Adding the same again has no effect, even on another day.
+    // Adding the same run again has no effect, even on another day.
     let again = folder.try_add(&base, "nightly", Some("c1")).unwrap();
     assert!(!again.is_new && again.number == 1);
-    // Another commit or label makes a new entry, and so do other weights, photographs or scores;
-    // the label alone does not identify an entry.
+    // Another commit or label makes a new entry, and so do other weights, photographs or scores with the same label.
     folder.try_add(&base, "nightly", Some("c2")).unwrap();
     folder.try_add(&base, "other", Some("c1")).unwrap();
     for run in [
@@ -297,7 +296,7 @@ fn a_jump_is_marked_once() {
             (Some(4), Some((Verdict::Better, Rule::Step, 4))),
         ]
     );
-    // The same numbers as in `compare` and in the series.
+    // The numbers are the same in `compare` and in the series.
     let points = &history.series[0].points;
     let mark = points[2].change.as_ref().unwrap();
     assert!((mark.difference - (points[2].mean.unwrap() - points[1].mean.unwrap())).abs() < 1e-9);
@@ -311,7 +310,7 @@ fn a_jump_is_marked_once() {
     assert!(said[0].starts_with("worse by 2."), "{said:?}");
 }
 
-/// Each step may be due to chance, but not the sum of three.
+/// Each step may be due to chance, but the sum of three steps may not.
 #[test]
 fn a_slow_drift_is_marked_when_it_has_added_up() {
     let folder = Folder::new();

@@ -127,7 +127,7 @@ impl Series {
         events
     }
 
-    /// Single scores have one decimal fewer, because means of many pairs are compared here.
+    /// One decimal more than for single scores, because means of many pairs are compared here.
     fn decimals(&self) -> usize {
         self.metric.decimals + 1
     }

@@ -9,10 +9,9 @@
 //! # Change points
 //! Both rules use the test of `compare` on the same pairs, at 0.05 after Holm's correction over the
 //! compared datasets:
-//! * [`Rule::Step`]: compares an entry with the one that it continues from;
-//! * [`Rule::Drift`]: if that finds nothing, compares it with the last change point of its part, or
-//!   the start of the part, so that a change too slow for any single step is found once it has
-//!   accumulated.
+//! * [`Rule::Step`]: compares an entry with the one that it continues;
+//! * [`Rule::Drift`]: if there is no step, compares the entry with the last change point of its part, or else with the
+//!   start of the part, to find a change that is too slow for any single step once it has accumulated.
 //!
 //! There is no correction over entries, metrics and methods: if scores differ by chance alone,
 //! either rule marks one entry in twenty. Bit-identical scores are never a change.
@@ -88,7 +87,7 @@ pub struct Mark {
     #[serde(serialize_with = "crate::track::compare::word")]
     pub verdict: Verdict,
     pub rule: Rule,
-    /// The reference entry of the comparison.
+    /// The entry that this one is compared with.
     pub against: u32,
     /// Mean difference of this entry minus `against`, over pairs with a score in both.
     pub difference: f64,
@@ -119,7 +118,7 @@ struct Stretch {
     reference: Arc<Entry>,
 }
 
-/// All series, updated entry by entry. Entries that no later one can be compared with are dropped.
+/// All series, updated entry by entry. Entries with which no later one can be compared are dropped.
 #[derive(Debug, Default)]
 pub(super) struct Trend(Vec<Growing>);
 
@@ -170,7 +169,7 @@ impl Trend {
         let mut open: BTreeSet<usize> = points.keys().copied().collect();
         // A point without a score neither changes nor interrupts a series.
         open.retain(|at| points[at].n_pairs > 0);
-        // Index of the part that each point continues.
+        // For each point, the index of the part that it continues.
         let mut continued: BTreeMap<usize, usize> = BTreeMap::new();
         let mut earlier: BTreeMap<u32, Arc<Entry>> = BTreeMap::new();
         for part in open.iter().flat_map(|at| &self.0[*at].parts) {
@@ -216,7 +215,7 @@ impl Trend {
         }
     }
 
-    /// Among the points without a step, marks those that differ from the reference of their part.
+    /// Marks those points without a step that differ from the reference of their part.
     fn find_drift(
         &self,
         scope: &MethodMetric<'_>,
@@ -282,7 +281,7 @@ struct MethodMetric<'a> {
 #[derive(Default)]
 struct Compared {
     rows: Vec<ScoreChange>,
-    /// By dataset, why it cannot be compared.
+    /// Reasons why datasets cannot be compared, by dataset.
     broken: BTreeMap<String, String>,
 }
 
@@ -310,7 +309,7 @@ impl MethodMetric<'_> {
             let value = record.scores.get(&key).and_then(Score::value)?;
             Some((record.cluster.as_str(), [0.0, value]))
         });
-        // The mean is inferred as a difference from zero.
+        // The mean is treated as a difference from zero.
         let sample = Clusters::new(scores);
         let interval = infer(&[&sample], Resampling::default()).map(|found| found.interval);
         let (low, high) = interval.unwrap_or((f64::NAN, f64::NAN));

@@ -1,4 +1,4 @@
-//! Wrong files and readings are named, and proper ones are not.
+//! Wrong files and readings are reported, and correct ones are not.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use image::Luma;
@@ -232,7 +232,7 @@ fn a_wrong_frame_colour_space_or_unit_is_named_and_a_right_one_is_not() {
             recolored(&round, |_| 0.9),
             "no other reading that was tried",
         ),
-        // Reporting one doubt does not hide another.
+        // Reporting one problem does not hide another.
         (recolored(&in_millimetres_too, |_| 0.9), "times as far away"),
     ] {
         let said = doubt_about(gaussians).unwrap_or_default();
@@ -240,7 +240,7 @@ fn a_wrong_frame_colour_space_or_unit_is_named_and_a_right_one_is_not() {
     }
 }
 
-/// Colours stored in another form than as coefficients, as in a PLY read without a setting.
+/// Colours stored in a form other than coefficients, as in a PLY read without a setting.
 #[test]
 fn colours_of_another_form_are_named() {
     let mut reading = FileReading::of_arrays();
@@ -280,7 +280,7 @@ fn what_numbers_suggest_is_told_where_the_photograph_does_not_refute_it() {
         said.contains("suggested: ") && said.contains("with `colors=rgb01`: "),
         "{said}"
     );
-    // If two settings are needed, one sentence has both.
+    // If two settings are needed, a single sentence names both.
     let bytes = recolored(&round, |c| 255.0 * srgb_from_linear(c));
     let arrays = FileReading::of_arrays();
     let said = doubt_beside(&photograph(), bytes, arrays, Some("colors=rgb255")).unwrap();
@@ -322,8 +322,8 @@ fn means_rescaled_without_their_deviations_are_named() {
     );
 }
 
-/// An odd principal point, under a rule that ignores it; and Gaussians that are too wide, which other rotations
-/// would narrow.
+/// An off-centre principal point under a rule that ignores it, and too wide Gaussians, which other rotations would
+/// narrow.
 #[test]
 fn an_ignored_principal_point_is_named_and_wide_gaussians_are_not_called_turned() {
     for off in [[6.0, 0.0], [2.0, -2.0]] {
@@ -384,7 +384,7 @@ fn ignored_and_wide([x, y]: [f64; 2]) {
     assert!(text.contains("with `rendering=inria-general`: "), "{text}");
 }
 
-/// Axes of no known program: x forward, y right, z down.
+/// Axes that no known program uses: x forward, y right, z down.
 #[test]
 fn unusual_axes_and_units_of_a_world_are_named() {
     let round = mapped(&wall(), DAffine3::IDENTITY);
@@ -513,7 +513,7 @@ fn other_forms_of_logarithms_and_signed_colours_are_named() {
     }
 }
 
-/// Logarithms to the base of 10 are so wide as natural ones that rendering takes very long.
+/// Logarithms to the base of 10, read as natural ones, give Gaussians so wide that rendering takes very long.
 #[test]
 fn very_wide_gaussians_are_told_with_the_form_that_is_possible() {
     let mut wide = mapped(&wall(), DAffine3::IDENTITY);
@@ -589,7 +589,7 @@ fn means_that_were_turned_without_their_quaternions_are_named() {
     assert_eq!(said(&turned), None);
 }
 
-/// Without true depth: by blur and by holes.
+/// Without true depth, by blur and by holes.
 #[test]
 fn means_scaled_without_their_deviations_are_named_by_their_overlap() {
     let said = |right: &Gaussians, factor: f32| {
@@ -749,7 +749,7 @@ fn another_view_as_the_source_is_named_and_not_called_a_shift() {
     };
     let text = pair.said(placed);
     assert!(
-        text.contains("with their means read in the camera of r"),
+        text.contains("with their means read as in the camera of r"),
         "{text}"
     );
     // A wrong focal length is a single cause.
