@@ -18,9 +18,10 @@ pub const COLOURS: [Ink; 6] = [
 pub struct Style {
     /// Colour of line and marker.
     pub ink: Ink,
-    /// Also differs between methods, so that colour is never the only cue.
+    /// Marker of the data points. It also differs between methods, so that colour is never the only
+    /// cue.
     pub marker: Marker,
-    /// On and off lengths of a dashed line in CSS pixels; `None` is solid.
+    /// Lengths of a line's dashes and of the gaps between them, in CSS pixels; `None` is solid.
     pub dash: Option<(f64, f64)>,
 }
 

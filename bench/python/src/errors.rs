@@ -9,7 +9,7 @@ create_exception!(
     sharp_bench,
     Error,
     PyException,
-    "What cannot be read, computed or finished: a line that names file and reason."
+    "A file, dataset or run that cannot be read, computed or finished. The message names the file and the reason."
 );
 
 fn line(error: impl Into<anyhow::Error>) -> String {

@@ -197,7 +197,7 @@ pub(crate) struct Dataset {
     spec: String,
     format: &'static str,
     scenes: Vec<Py<Scene>>,
-    /// What was left out, and why.
+    /// Excluded scenes and views, each with its reason.
     notes: Vec<String>,
 }
 

@@ -124,7 +124,7 @@ impl Clusters {
         self.clusters.iter().map(move |c| c.sum - mean * c.pairs)
     }
 
-    /// Whether all clusters have the same mean up to rounding: their spread then cannot be
+    /// Whether all clusters have the same mean up to rounding, so that their spread cannot be
     /// estimated.
     pub(crate) fn without_spread(&self) -> bool {
         self.residuals().all(|r| r.abs() <= self.rounding())

@@ -50,7 +50,7 @@ pub struct Inference {
     pub sign_flip: Option<SignFlip>,
 }
 
-/// Why only a mean can be given.
+/// Reason that there is a mean, but neither an interval nor p.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NoInference {
     #[error("no pairs")]
