@@ -114,13 +114,13 @@ impl ViewDepth {
     }
 }
 
-/// With this many negative disparities per positive one, the sign is considered inverted.
+/// If negative disparities outnumber positive ones by this factor, the sign is considered inverted.
 const MOSTLY: u64 = 20;
 
-/// With this many different negative disparities, they are no marks of invalid pixels.
+/// If there are this many different negative disparities, they are not marks of invalid pixels.
 const VALUES: usize = 8;
 
-/// Up to one disparity in this many may lie behind the cameras: noise.
+/// Up to one disparity in this many may be behind the cameras due to noise.
 const MOST_BEHIND: u64 = 20;
 
 /// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
@@ -352,10 +352,10 @@ mod tests {
             let depth = rig.depth_map(path, &map.unwrap()).unwrap().into_raw();
             depth.into_iter().filter(|z| *z > 0.0).count()
         };
-        // All but 0.
+        // All values except 0.
         assert_eq!(read(30.0, -12), 39);
         assert_eq!(read(0.0, -12), 27);
-        // Too few to be more than marks, or behind the cameras.
+        // With few negative values, they are invalid-pixel marks or points behind the cameras.
         assert_eq!(read(30.0, -3), 36);
         assert_eq!(read(9.0, -12), 27);
     }

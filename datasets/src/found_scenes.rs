@@ -39,7 +39,7 @@ impl FoundScenes {
         }
     }
 
-    /// Adds a scene that a setting excludes.
+    /// Records that a setting excludes a scene.
     pub(crate) fn rule_out(&mut self, id: impl Into<String>, reason: impl Into<String>) {
         self.left_out.push(LeftOutScene {
             id: id.into(),

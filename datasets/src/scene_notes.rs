@@ -19,9 +19,10 @@ use crate::{DatasetSpec, Pairing, Scene, View, files};
 const HEADERS: usize = 64;
 /// Maximum number of masks decoded per scene, evenly spaced.
 const MASKS: usize = 4;
-/// Maximum number of 16-bit pictures decoded per scene, evenly spaced, and their brightest level (of 255) if they hold
-/// 14-bit values. Values of 8 to 12 bits are refused picture by picture.
+/// Maximum number of 16-bit pictures decoded per scene, evenly spaced.
 const DEEP: usize = 4;
+/// Brightest level, of 255, of 16-bit pictures that hold 14-bit values. Pictures with values of 8 to 12 bits are
+/// refused when they are read.
 const UNSCALED: std::ops::RangeInclusive<u8> = 16..=64;
 /// Minimum fraction of the pixels that a plausible mask keeps: most masks exclude a person, a sky or a logo.
 const LEAST_LEFT: f64 = 0.2;

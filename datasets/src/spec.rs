@@ -98,7 +98,7 @@ impl DatasetEntry {
 /// The paper's rule for choosing a dataset's pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PaperOverlap {
-    /// None: each stereo scene is one pair.
+    /// No rule: each stereo scene is one pair.
     Stereo,
     /// Overlap computed from the dataset's own dense depth.
     Dense,

@@ -36,7 +36,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("forward", "forward, in steps"),
                 choice(
                     "orbit",
-                    "to the right around the point at `focus` on the photograph's axis, in steps",
+                    "to the right on an orbit around the point at `focus` on the photograph's axis, in steps",
                 ),
                 choice(
                     "swipe",
@@ -54,7 +54,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         Setting::free("views", "number of virtual views, 1 to 1000", "8"),
         Setting::free(
             "step",
-            "from view to view: metres (auto: 0.05), or degrees along an orbit (auto: 2)",
+            "step between consecutive views: metres (auto: 0.05), or degrees on an orbit (auto: 2)",
             "auto",
         ),
         Setting::free(
@@ -64,7 +64,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "focus",
-            "depth of the point that the camera looks at in metres, for an orbit and the release's paths (auto: the 0.1 quantile of the depth map, at \
+            "depth in metres of the point that the camera looks at, for an orbit and the release's paths (auto: the 0.1 quantile of the depth map, at \
              least 2, or 2 without one)",
             "auto",
         ),

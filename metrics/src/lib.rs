@@ -1,8 +1,8 @@
 //! Image metrics of view synthesis: PSNR, SSIM, LPIPS and DISTS.
 //!
-//! A number is meaningless without its identity: every variant that public code computes under the same name has its
-//! own [`MetricKey`], and a variant that cannot be computed is [`Unavailable`] with the reason, never zero and never
-//! replaced by another one. The crate is independent of datasets and cameras.
+//! Public code computes different numbers under the same name. Here, each variant of a metric has its own
+//! [`MetricKey`]. A variant that cannot be computed is [`Unavailable`] with the reason, never zero and never replaced
+//! by another one. The crate is independent of datasets and cameras.
 //!
 //! # Contents
 //! * [`identity`]: keys of metrics.

@@ -95,7 +95,7 @@ impl Scorer {
         }
     }
 
-    /// LPIPS of version 0.0, which is not a column; used to find the origin of a number. `None`
+    /// LPIPS of version 0.0, which has no key; used to find the origin of a given number. `None`
     /// unless a metric with that network is selected and its weights are available.
     ///
     /// # Errors

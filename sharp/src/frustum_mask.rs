@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 use crate::camera::{Intrinsics, RigidTransform};
 
-/// z-depth in metres; values that are neither positive nor infinite are invalid.
+/// z-depth in metres. +∞ marks sky (see [`InfiniteDepth`]); other values that are not finite and
+/// positive are invalid.
 type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 
 /// 1 inside, 0 outside; has the size of the target.

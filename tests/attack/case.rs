@@ -21,12 +21,12 @@ const PATIENCE: Duration = Duration::from_secs(40);
 /// Maximum number of bytes that an invocation may write to each of its outputs.
 const OUTPUT: u64 = 1 << 20;
 
-/// Acceptable ends of a case.
+/// Acceptable outcomes of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
-    /// It was refused, or recorded as a failure, and the reason names what is wrong.
+    /// Refused, or recorded as a failure, with a reason that names the cause.
     Error,
-    /// It gave the same number as the oracle.
+    /// The same number as the oracle's.
     Number,
 }
 
@@ -50,7 +50,8 @@ pub(crate) struct Case {
     pub(crate) random: Random,
     /// Steps done so far, for repeating the case.
     history: Vec<String>,
-    /// What a message may name, in addition to paths in the case's folder.
+    /// Words by which an error message may name the cause, in addition to paths in the case's
+    /// folder.
     names: Vec<String>,
 }
 
@@ -86,18 +87,18 @@ impl Case {
         String::from_utf8_lossy(&std::fs::read(self.path(name)).unwrap_or_default()).into_owned()
     }
 
-    /// Records a step, and what a message about it would name.
+    /// Records a step, and a word by which an error message may name it.
     pub(crate) fn note(&mut self, what: impl Into<String>, name: &str) {
         self.history.push(what.into());
         self.may_name(name);
     }
 
-    /// Adds something that a message may name.
+    /// Adds a word by which an error message may name the cause.
     pub(crate) fn may_name(&mut self, name: &str) {
         self.names.push(name.to_owned());
     }
 
-    /// How to repeat a failed case. Its folder is kept.
+    /// The message on a failed case, with its steps and how to repeat it. Keeps its folder.
     pub(crate) fn failure(mut self, what: &str) -> String {
         self.dir.disable_cleanup(true);
         format!(

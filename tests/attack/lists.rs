@@ -9,7 +9,7 @@ use super::spoil;
 
 const DATASET: &str = "S:synthetic=size=32x24,views=5";
 
-/// By source and target.
+/// PSNR by source and target.
 type Copies = BTreeMap<(String, String), f64>;
 
 /// PSNR of a copy for every ordered pair, computed from the dataset's pictures.

@@ -95,10 +95,10 @@ pub(crate) fn judge_run(
     }
 }
 
-/// What is known about a row's PSNR.
+/// What the oracle knows about a row's PSNR.
 pub(crate) enum Known {
     Number(f64),
-    /// There cannot be a PSNR, for this reason.
+    /// There is no PSNR, for the given reason.
     Impossible(&'static str),
     Nothing,
 }

@@ -8,7 +8,7 @@ use super::case::Case;
 pub(crate) struct Spoiled {
     pub(crate) bytes: Vec<u8>,
     pub(crate) how: String,
-    /// Whether its meaning is unchanged, so that numbers must not change.
+    /// True if the file's meaning is unchanged, so that numbers must not change.
     pub(crate) harmless: bool,
 }
 
@@ -253,8 +253,8 @@ fn giant(bytes: &[u8]) -> Vec<u8> {
     out
 }
 
-/// Replaces a file of a case by something that is not such a file, or by damaged bytes; true if
-/// that is harmless.
+/// Removes a file of a case, or replaces it by a folder, a link or damaged bytes; returns true if
+/// numbers must not change.
 pub(crate) fn file(case: &mut Case, name: &str, spoil: fn(&[u8], &mut Random) -> Spoiled) -> bool {
     let path = case.path(name);
     let bytes = std::fs::read(&path).unwrap();

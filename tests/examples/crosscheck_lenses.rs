@@ -2,12 +2,12 @@
 //!
 //! Reads a JSON list of requests from standard input and writes a list of answers to standard output:
 //! * request: `model` and `params` (COLMAP's), `size` (width, height), `points` (triples in camera
-//!   space), `pixels` (pairs), `pinhole` (fx, fy, cx, cy of a camera of the same size), `picture` and
-//!   `undistorted` (files of interleaved RGB bytes: what the lens took; where to write it resampled),
-//!   `mask` and `masked` (the same of a mask, gray bytes);
+//!   space), `pixels` (pairs), `pinhole` (fx, fy, cx, cy of a camera of the same size); `picture`, a file
+//!   of interleaved RGB bytes taken through the lens, and `undistorted`, the file to write after
+//!   resampling; `mask` and `masked`, the same for a mask of grey bytes;
 //! * answer: `projected` (pairs), `unprojected` (pairs at z = 1), `map` (for each pixel of the pinhole
-//!   camera its place in the lens's picture), `scannetpp_focal` (fx, fy of the pinhole camera that
-//!   ScanNet++'s recipe gives; fisheye only). What a lens does not see is null.
+//!   camera, its position in the lens's picture), `scannetpp_focal` (fx, fy of ScanNet++'s pinhole
+//!   camera; fisheye only). Values that the lens does not define are null.
 
 use std::error::Error;
 use std::io::{Write, stdin, stdout};

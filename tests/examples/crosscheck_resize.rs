@@ -1,8 +1,8 @@
-//! Pictures resized by our kernels, for the cross-check against the libraries they are equal to.
+//! Pictures resized by our kernels, for the cross-check against the libraries that these reproduce.
 //!
 //! Reads a JSON list of requests from standard input: `input` (a file of interleaved RGB: `.u8` bytes,
 //! `.f32` little-endian floats in 0..1), `from` and `to` (width, height), `kernel`, `output` (written in
-//! the form that its extension names; an error when the kernel gives the other).
+//! the form that its extension names; an error if the kernel returns the other form).
 
 use std::error::Error;
 use std::io::stdin;

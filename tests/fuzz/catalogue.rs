@@ -99,7 +99,7 @@ impl Drop for Folder {
     }
 }
 
-/// The first byte selects the file that the other bytes replace.
+/// Replaces one file: the first byte selects it, and the other bytes are its new content.
 pub(crate) fn catalogue(bytes: &[u8]) {
     let Some((which, content)) = bytes.split_first() else {
         return;

@@ -1,4 +1,4 @@
-//! The pages in a browser, used like someone who looks for the cause of a failure. Reported as
+//! Uses the pages in a browser like a person who looks for the cause of a failure. Reported as
 //! ignored, by name, if there is no Chromium.
 
 #![allow(
@@ -79,7 +79,7 @@ fn done(browser: &str, page: &Path, script: &str) -> BTreeMap<String, String> {
         "<pre id=\"said\"></pre><script>addEventListener('error', function (e) {{ document.querySelector('#said').append('error=' + \
          e.message + '\\n'); }});{HANDS}addEventListener('load', async function () {{ await later(); {script} }});</script>"
     );
-    // Insert the script before the page's own, so that it notices errors of that.
+    // Insert the script before the page's own, so that it also catches errors in that.
     let (before, after) = html[end..].rsplit_once("<script>").unwrap();
     let folder = page.parent().unwrap();
     let copy = folder.join("driven.html");
@@ -317,8 +317,8 @@ const VIEW_DEPENDENT: &str = concat!(
     "/../tests/fixtures/gaussian_formats/src_d1.ply"
 );
 
-/// The first frame, and one with the camera elsewhere on the path, are within one level of what
-/// `render` writes, by SHARP's rule and by others.
+/// The viewer's pictures differ from those of `render` by at most one level: the first frame and one
+/// from elsewhere on the path, with SHARP's rule and with others.
 fn gaussians(browser: &str) {
     let camera = r#"{"width":61,"height":43,"K":[50,0,24,0,50,26,0,0,1],
         "camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,0.5,0,0,0,1]}"#;

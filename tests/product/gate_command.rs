@@ -336,7 +336,7 @@ fn the_same_code_twice_is_the_same_to_the_byte() {
     );
     let said = gate(dir, "one.zip", "two", &speed).ends_with(0).out;
     assert!(said.contains("A has no times; a bundle has them"), "{said}");
-    // A bundle with times is its run.
+    // A bundle with times is treated like its run.
     let with_times = ["bundle", "one", "--times", "--out", "times.zip"];
     sharp_bench(dir, &with_times).ends_with(0);
     let said = gate(dir, "times.zip", "two", &speed).ends_with(0).out;

@@ -162,7 +162,7 @@ fn a_unit_that_leads_out_of_the_folder_or_is_not_its_own_counts_for_nothing() {
     image::RgbImage::new(48, 36)
         .save(dir.join("secret.png"))
         .unwrap();
-    // Units are planted in the first subfolder, so an honest one from elsewhere is taken.
+    // Hostile units are planted in the first subfolder, so take a genuine one from the last.
     let unit = files_below(&dir.join("r/units")).unwrap().pop().unwrap();
     let honest: Unit = serde_json::from_str(&read(&unit)).unwrap();
     let plant = |unit: &Unit, name: &str| {
@@ -188,7 +188,7 @@ fn a_unit_that_leads_out_of_the_folder_or_is_not_its_own_counts_for_nothing() {
         let hostile = hostile.sealed();
         plant(&hostile, &hostile.slot.file_stem());
     }
-    // A record for another pair than the slot's, and a copy under another name.
+    // A record whose pair differs from its slot's, and a copy under another name.
     let mut other = honest.clone();
     other.record.source = "elsewhere".to_owned();
     let other = other.sealed();

@@ -1,4 +1,5 @@
-//! Memory stays within its limit, and does not grow between five and twenty minutes of faults.
+//! Memory stays within its limit, and does not grow from the fifth to the twentieth minute of a run
+//! that is disturbed all the time.
 
 use std::fs;
 use std::path::Path;

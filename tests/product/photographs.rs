@@ -208,6 +208,6 @@ fn a_configuration_of_another_stride_is_refused_as_one() {
     run(dir.path(), &[&args[..], &model].concat()).is_error_with(&[
         "configuration",
         "Gaussian stride 4",
-        "of stride 2",
+        "have stride 2",
     ]);
 }

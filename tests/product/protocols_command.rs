@@ -1,4 +1,4 @@
-//! Other projects' evaluations, from importing their list to the report.
+//! Evaluations by other projects' protocols, from importing their pair list to the report.
 
 use std::path::Path;
 
@@ -15,7 +15,8 @@ fn run(dir: &Path, more: &[&str]) -> Said {
     )
 }
 
-/// Writes a list in their format, with two targets for one source in each scene, and imports it.
+/// Writes a list in the other project's format, with two targets for one source in each scene, and
+/// imports it.
 fn import(dir: &Path) {
     let args = [
         "pairs",
@@ -111,7 +112,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     let compared = sharp_bench(dir, &["compare", "u", "u"]).ends_with(0);
     let note = "the runs' own tables have the mean over source views of means over targets";
     assert!(compared.err.contains(note), "{}", compared.err);
-    // Whoever writes the report can request other means.
+    // A report can be requested with other means.
     let over = ["report", "plain", "--aggregate", "scenes", "--out", "over"];
     sharp_bench(dir, &over).ends_with(0);
     assert!(read(dir.join("over/report.md")).contains("mean over scenes of means over pairs"));

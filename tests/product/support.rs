@@ -24,7 +24,7 @@ impl Said {
         self.is_line_with(1, parts);
     }
 
-    /// The same for a command line that requests something impossible: exit code 2.
+    /// Like [`Self::is_error_with`], for a request that is impossible: exit code 2.
     pub(crate) fn is_usage_error_with(&self, parts: &[&str]) {
         self.is_line_with(2, parts);
     }

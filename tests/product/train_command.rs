@@ -208,7 +208,7 @@ fn what_cannot_be_trained_is_one_clear_error() {
         .is_usage_error_with(&["photographs", "this training run uses"]);
 }
 
-/// The second of two scenes is held out, so that all pairs of the validation are its.
+/// The second of two scenes is held out, so that all pairs of the validation are from it.
 #[test]
 fn a_folder_of_photographs_is_split_into_training_and_validation() {
     let dir = tempfile::tempdir().unwrap();

@@ -16,9 +16,9 @@ pub enum Answer {
     Whole,
     /// Sends the requested range; reports if nothing is left.
     Rest,
-    /// Closes the connection after this many bytes.
+    /// Closes the connection after the given number of bytes.
     Break(usize),
-    /// Announces this length instead of the true one, and sends as many bytes.
+    /// Announces the given length instead of the true one, and sends as many bytes.
     Length(usize),
     /// Sends an HTML page.
     Page,

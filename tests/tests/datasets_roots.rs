@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use sharp_datasets::{DatasetSpec, Scene, open_each};
 
-/// Formats, with the settings for which other files of a layout are read.
+/// Formats, with and without settings that make readers use other files of a layout.
 const FORMATS: [&str; 10] = [
     "middlebury",
     "booster",

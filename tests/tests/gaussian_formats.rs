@@ -194,7 +194,8 @@ fn of(value: &Value) -> usize {
     value.as_u64().map_or(usize::MAX, |v| v as usize)
 }
 
-/// Warnings that must name each wrong file, and marks of proper files.
+/// Checks that each wrong file causes a warning that names the mistake. For correct files, checks
+/// the marks.
 fn variant(path: &Path, name: &str, about: &Value) -> Result<(), Failed> {
     let read = load(path, encoded());
     if name == "two_scales.ply" {

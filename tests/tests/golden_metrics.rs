@@ -74,10 +74,10 @@ const KORNIA_BLACK: f64 = 1.2e-5;
 
 /// Tolerance of a learned metric: absolute, or relative if that is more.
 type Tolerance = (f64, f64);
-/// Here, the sum of squares is an integer.
+/// PSNR: sums of squares are exact integers.
 const PSNR: Tolerance = (1e-9, 0.0);
 const LPIPS: Tolerance = (1e-6, 2e-5);
-/// If the reference itself is f32.
+/// LPIPS, if the reference itself is f32.
 const LPIPS_F32: Tolerance = (2e-5, 5e-5);
 const LPIPS_REAL: Tolerance = (2e-6, 0.0);
 const DISTS: Tolerance = (1e-6, 0.0);

@@ -29,7 +29,7 @@ fn view(scene: &SyntheticScene, index: usize) -> PosedDepth {
     PosedDepth::of_view(view, depth).unwrap()
 }
 
-/// Exact share of the target that the source sees, minus the measured share.
+/// Exact share of the target that is visible in the source, minus the measured share.
 fn shortfall(scene: &SyntheticScene, source: usize, target: usize, how: &OverlapOptions) -> f64 {
     let measured = overlap(&view(scene, target), &view(scene, source), how);
     scene.visible_share(target, source).unwrap() - measured.share(how.denominator).unwrap()

@@ -12,13 +12,13 @@ use super::scale::Step;
 /// How an axis is divided into bins.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Binning {
-    /// At most this many bins, of a round width.
+    /// Bins of a round width, at most the given number.
     Round(usize),
-    /// Bins of this width, with an edge at zero.
+    /// Bins of the given width, with an edge at zero.
     Width(Step),
-    /// This many bins with equally many samples each; equal samples share a bin.
+    /// The given number of bins, with equally many samples each; equal samples share a bin.
     Quantiles(NonZeroUsize),
-    /// Bins between these edges, ascending.
+    /// Bins between the given edges, ascending.
     Edges(Vec<f64>),
 }
 

@@ -54,9 +54,9 @@ const INFINITY_STRIP: f64 = 22.0;
 /// Texts and axes around a panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PanelFrame {
-    /// Above the panel, left-aligned.
+    /// Text above the panel, left-aligned.
     pub title: String,
-    /// Above the panel, right-aligned, smaller.
+    /// Text above the panel, right-aligned and smaller than the title.
     pub remark: String,
     pub x: PlotAxis,
     pub y: PlotAxis,
@@ -191,7 +191,7 @@ struct PanelLayout {
     bottom: f64,
     /// Share of the available room that text may fill.
     fill: f64,
-    /// Line above everything else; empty for none.
+    /// Title above everything else; empty for none.
     title: String,
     legend: Vec<Vec<LegendEntry>>,
     caption: Vec<String>,

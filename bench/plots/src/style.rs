@@ -44,7 +44,7 @@ pub struct FigureStyle {
     pub dpi: f64,
     /// Height of a panel over its width.
     pub panel_aspect: f64,
-    /// Whether plots have an explanatory line below.
+    /// Whether plots have an explanatory line below them.
     pub caption: bool,
     /// Colours of the methods in order, `#RRGGBB`.
     pub colours: Vec<Ink>,

@@ -170,12 +170,12 @@ impl Design {
 }
 
 const INTRODUCTION: &str = "\
-# How often the comparison errs
+# Error rates of the comparison
 
-Simulated comparisons of two runs: each pair's difference varies with a standard deviation of 5 % of the score around its
-scene's, and scenes vary by 2 % around the true mean. `6 × 10 × 8` are 6 datasets of 10 scenes of 8 pairs. A false alarm is
-p < 0.05 without any difference; coverage is how often the 95 % interval holds the true mean; power is how often p < 0.05
-where every second scene changes by 2 %. Percent of ";
+Simulated comparisons of two runs. Each pair's difference varies around its scene's with a standard deviation of 5 % of the
+score, and scenes vary around the true mean by 2 %. `6 × 10 × 8` means 6 datasets of 10 scenes of 8 pairs. A false alarm is
+p < 0.05 without any difference; coverage is how often the 95 % interval contains the true mean; power is how often p < 0.05
+if every second scene changes by 2 %. Percentages of ";
 
 const REGULAR: &str = "\
 | design | false alarms | coverage | power |
@@ -183,16 +183,16 @@ const REGULAR: &str = "\
 ";
 
 const IRREGULAR: &str = "
-Student's t takes scenes to be normal and to vary alike. Where they do not, false alarms come out otherwise: *uneven* scenes,
-every second of which varies three times as much as the others, and *skewed* ones, a shifted exponential, most of which
-change a little and a few much. A t from few skewed scenes is too bold, and no test of seven numbers can know.
+Student's t assumes that scenes are normally distributed with the same spread. If they are not, the rate of false alarms differs.
+*Uneven*: every second scene varies three times as much as the others. *Skewed*: a shifted exponential, so that most scenes
+change a little and a few change much. With few skewed scenes, the t test is too liberal, and seven numbers cannot reveal this.
 
 | design | false alarms | coverage | power |
 |---|---:|---:|---:|
 ";
 
 const REACHED: &str = "
-How many scenes it takes until the same change of every second one is found 90 times of 100:
+Number of scenes needed to detect the same change of every second scene 90 times out of 100:
 
 | design | power |
 |---|---:|
@@ -200,7 +200,7 @@ How many scenes it takes until the same change of every second one is found 90 t
 
 fn report(simulations: u64) -> Result<String, std::fmt::Error> {
     let mut text = format!(
-        "{INTRODUCTION}{simulations} simulations each, made by\n\n```console\n\
+        "{INTRODUCTION}{simulations} simulations each, computed by\n\n```console\n\
          $ cargo run --release -p sharp-statistics --example error_rates {simulations} > reports/statistics.md\n```\n\n"
     );
     let percent = |rate: f64| format!("{:.1}", 100.0 * rate);

@@ -1,4 +1,4 @@
-//! The normal distribution and Student's, with any positive degrees of freedom.
+//! The normal distribution, and Student's t distribution with any positive degrees of freedom.
 
 use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
 

@@ -25,7 +25,7 @@ pub struct SignFlip {
     /// For each pattern, the lowest true mean under which the pattern's mean is at least as far from
     /// its expectation as the observed mean; sorted.
     lows: Vec<f64>,
-    /// For each pattern, the highest such true mean; sorted.
+    /// For each pattern, the highest true mean under which the same holds; sorted.
     highs: Vec<f64>,
 }
 

@@ -10,7 +10,8 @@ use crate::{DatasetSpec, View};
 /// Plausible range of scene depths, in metres.
 pub(super) const DEPTHS_M: (f64, f64) = (0.05, 2000.0);
 
-/// What is known of a dataset from its spec: settings for units, whether it has one for masks, and how it stores poses.
+/// Facts about a dataset that advice depends on: its settings for units, whether it has a setting
+/// for masks, and how it stores poses.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
     /// Metres per unit of the poses; `None` if not set.
@@ -213,9 +214,10 @@ pub(super) fn sentence(
     }
 }
 
-/// The setting that brings poses and depth to the same unit, and the alternative after a semicolon, if there is one. If
-/// depth is implausible as read, it is the setting of depth alone; otherwise that of the poses, with that of depth as
-/// the alternative unless depth would become implausible.
+/// Returns the setting that brings poses and depth to the same unit, and, after a semicolon, an
+/// alternative if there is one. If depth is implausible as read, the setting is that of depth,
+/// without an alternative. Otherwise it is that of the poses, with that of depth as the alternative
+/// unless depth would become implausible.
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     if units.is_of_points {
         let factor = number(scale);

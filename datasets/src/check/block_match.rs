@@ -4,7 +4,7 @@ use super::small_view::{Grey, Sample};
 
 /// Radius of the compared blocks, in reduced pixels.
 const RADIUS: u32 = 3;
-/// Maximum number of blocks; those with enough contrast are compared.
+/// Maximum number of blocks examined; only those with enough contrast are compared.
 const BLOCKS: usize = 1500;
 /// Minimum standard deviation of a block, in levels.
 const LEAST_CONTRAST: f32 = 8.0;
@@ -17,7 +17,8 @@ const FEWEST: usize = 200;
 const LEAST_NEAR: f64 = 0.3;
 /// Minimum median correlation of the best matches of two pictures of one scene.
 const LEAST_RELATED: f32 = 0.8;
-/// [`LEAST_NEAR`] for pictures that are less related; unrelated ones match equally well anywhere.
+/// Minimum of the same fraction for pictures below [`LEAST_RELATED`]; blocks of unrelated pictures
+/// match equally well anywhere.
 const LEAST_NEAR_OF_UNRELATED: f64 = 0.12;
 
 /// Differences of a block's levels from their mean, and their Euclidean norm. `None` outside the picture or under a mask.

@@ -11,16 +11,16 @@ use super::small_view::Part;
 /// A change to the dataset reader's interpretation.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Change {
-    /// The poses' translations fit the depth if multiplied by this.
+    /// Factor by which the poses' translations must be multiplied to fit the depth.
     Scale(f64),
-    /// These focal lengths fit if multiplied by this.
+    /// Focal lengths, and the factor by which they must be multiplied.
     Focal(Focal, f64),
     CentreExchanged,
-    /// Principal points are further right and down by this much, in widths of the picture.
+    /// Offset of the principal points to the right and down, in widths of the picture.
     CentreOff(DVec2),
-    /// Depth fits if this many metres are added.
+    /// Number of metres that must be added to the depths.
     Short(f64),
-    /// Depth fits if `by` metres are added, and the poses' translations are multiplied by `scale`.
+    /// `by` metres must be added to the depths, and the poses' translations multiplied by `scale`.
     Planes {
         scale: f64,
         by: f64,
@@ -28,26 +28,27 @@ pub(super) enum Change {
     RayLength,
     /// Depth was already z, but was interpreted as ray length.
     NoRayLength,
-    /// The stored values are reciprocals of depths; the poses' translations fit these depths if multiplied by this.
+    /// The stored values are reciprocals of depths; holds the factor by which the poses'
+    /// translations must be multiplied to fit these depths.
     Inverse(f64),
-    /// The stored values are those of a z-buffer whose near plane is at this distance in metres.
+    /// The stored values are those of a z-buffer; holds the distance of its near plane in metres.
     Buffer(f64),
     /// The poses use another convention, named as in [`alternatives`].
     Convention(&'static str),
-    /// Parts of views belong to other pictures; describes the assignment.
+    /// Parts of views belong to other pictures; holds a description of the assignment.
     Order(String, Moves),
     /// Pairs of views fit the poses of other views, but no consistent assignment exists: two pictures would have the
     /// same pose.
     Unlisted,
-    /// One or several views are wrong; says which and how.
+    /// One or several views are wrong; holds a description of which and how.
     Views(String),
-    /// Cameras are exchanged; says which.
+    /// Cameras are exchanged; holds a description of which.
     Cameras(String),
-    /// The lenses have this [`Reading::bend`].
+    /// The lenses distort; holds their [`Reading::bend`].
     Bent(f64),
     /// Depth maps fit the pictures if they are moved and scaled.
     Registered(Registration),
-    /// Pictures or depth maps are flipped; says in which direction.
+    /// Pictures or depth maps are flipped; holds a description of the direction.
     Flipped(Part, &'static str),
     /// Pictures fit if read by the other rule of EXIF orientation, which also gives the camera's size; holds the
     /// setting that selects this rule.

@@ -11,7 +11,7 @@ const LEAST: f64 = 0.3;
 /// Agreement of neighbouring views under one pose convention.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
-    /// The mistake that this convention corresponds to; `as read` for none.
+    /// The mistake that this convention corresponds to; `as read` for the reader's own convention.
     pub convention: &'static str,
     /// Fraction of depth values that agree within 5 %, 0..1.
     pub depth: f64,
@@ -26,10 +26,11 @@ pub struct Fit {
 pub struct Consistency {
     /// With the poses as interpreted by the reader.
     pub as_read: Fit,
-    /// With conventions that are commonly confused with that one.
+    /// With other conventions that are commonly confused with the reader's.
     pub otherwise: Vec<Fit>,
-    /// Fraction of depth values that agree, out of those that land on a pixel with depth in the other view, in the best
-    /// pair. `None` if too few values land there (neighbours that see different things, or sparse depth).
+    /// In the best pair: of the depth values that land on a pixel with depth in the other view, the
+    /// fraction that agree. `None` if too few values land there (neighbours that see different
+    /// things, or sparse depth).
     pub meeting: Option<f64>,
     /// Number of pairs of views that were examined.
     pub pairs: usize,

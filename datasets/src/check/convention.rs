@@ -171,12 +171,12 @@ fn turned_in_place(pose: &RigidTransform, rotation: DMat3) -> RigidTransform {
     }
 }
 
-/// Reinterprets as x, y, z, w what was read as w, x, y, z.
+/// Reinterprets a quaternion that was read as w, x, y, z as x, y, z, w.
 fn w_last(read: DQuat) -> DQuat {
     DQuat::from_xyzw(read.w, read.x, read.y, read.z)
 }
 
-/// Reinterprets as w, x, y, z what was read as x, y, z, w.
+/// Reinterprets a quaternion that was read as x, y, z, w as w, x, y, z.
 fn w_first(read: DQuat) -> DQuat {
     DQuat::from_xyzw(read.y, read.z, read.w, read.x)
 }

@@ -26,7 +26,7 @@ const MOST_NORMALISED: f64 = 0.9;
 /// [`TOLERANCE`].
 const OFF_CONSTANT: f64 = 0.01;
 
-/// Positions at which both of two views have depth, and those where it differs.
+/// Number of positions at which both of two views have depth, and of those where it differs.
 #[derive(Default)]
 struct Met {
     all: usize,
@@ -73,8 +73,8 @@ impl Neighbours<'_> {
         pose(b).after(&pose(a).inverse())
     }
 
-    /// Reports the maximum depth if depth was clipped there: both of two neighbouring views have it at positions where,
-    /// according to the other view and the poses, it should differ.
+    /// Reports depth that was clipped: two neighbouring views both have the maximum depth at
+    /// positions where, according to the poses, their depths should differ.
     pub(super) fn limited(&self) -> Option<String> {
         // The maximum depth and the next smaller one.
         let largest = |samples: &[Sample]| {

@@ -11,12 +11,12 @@ pub(super) enum DepthIs {
     Z,
     /// The length of the ray to the point.
     RayLength,
-    /// z, although the reader divided it by the length of the ray to z = 1, assuming that it was a ray length.
+    /// z, which the reader mistook for a ray length and divided by the length of the ray to z = 1.
     NoRayLength,
     /// The reciprocal of depth, in an arbitrary unit.
     Inverse,
-    /// Values of a z-buffer; holds the value at infinite depth. Smaller values lie below that by a fraction that is the
-    /// reciprocal of depth, in units of the near plane's distance.
+    /// Values of a z-buffer, `v · (1 − near / depth)`; holds v, the value at infinite depth. The
+    /// resulting depth is in units of the near plane's distance.
     Buffer(f64),
     /// Too small by this many metres.
     Short(f64),
@@ -47,7 +47,8 @@ impl DepthIs {
 /// Placement of a depth map relative to its picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Registration {
-    /// How far right of and below its own centre the depth map shows the picture's centre, in widths of the picture.
+    /// Offset of the picture's centre from the depth map's own centre, as seen in the depth map, to
+    /// the right and down, in widths of the picture.
     pub(super) off: DVec2,
     /// Magnification of the depth map relative to the picture.
     pub(super) zoom: f64,

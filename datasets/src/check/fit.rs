@@ -209,7 +209,7 @@ impl Neighbours<'_> {
         let (before, after) = (self.unexplained(as_read), self.unexplained(other));
         match change {
             Change::Unlisted => false,
-            // Correcting a large error leaves little.
+            // Correcting a large error should leave small differences.
             Change::Focal(Focal::X | Focal::Y, factor) if factor.ln().abs() > LARGE.ln() => {
                 after <= LESS * before
             }
@@ -217,11 +217,12 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Tries depth normalised between two distances: with an offset, in another unit.
+    /// Tries depth that was normalised between two distances, which changes its offset and its unit.
     fn between_planes(&self) -> (Change, Vec<Explained>) {
         let median_m = self.median_depth();
         let short = |factor: f64| (factor - 1.0) * median_m;
-        // Of an offset that makes the median this many times as large; `scale` is that without an offset.
+        // `factor`: the offset makes the median depth this many times as large. `scale`: factor of
+        // the translations without an offset.
         let with = |scale: f64, factor: f64| Reading {
             scale: scale * factor,
             depth: DepthIs::Short(short(factor)),

@@ -114,7 +114,7 @@ pub(super) fn contradiction(
         ),
     };
     Some(format!(
-        "{what}, and no known change mends it: {lines}{misses}; this holds for {n} of {judged} pairs of neighbouring views \
+        "{what}, and no known correction explains it: {lines}{misses}; this holds for {n} of {judged} pairs of neighbouring views \
          that can be judged; {causes}"
     ))
 }

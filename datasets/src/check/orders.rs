@@ -29,7 +29,7 @@ const SAMPLES_ELSEWHERE: usize = 500;
 
 type Read<'a> = Cow<'a, (SmallView, Vec<Sample>)>;
 
-/// Maps each view to the view from which it takes a part, if any.
+/// For each view, the view whose picture, depth or pose it receives; `None` if there is none.
 pub(super) type Assignment = Box<dyn Fn(usize) -> Option<usize>>;
 
 /// The first view of each pair of neighbours that is examined.
@@ -107,8 +107,8 @@ pub(super) fn thinned(views: &[View], noun: &str) -> Vec<(String, Assignment, us
     let strides = strides.filter(|(stride, _)| views.len() >= LEAST_VIEWS.max(2 * stride));
     let all = strides.map(|(stride, which)| {
         let text = format!(
-            "from the first on, every picture fits every {which} {noun}, as if every {which} picture had been kept, but \
-             every {noun}"
+            "the pictures fit every {which} {noun}, starting with the first, as if every {which} picture had been kept, \
+             but all {noun}s"
         );
         let of: Assignment = Box::new(move |i| Some(stride * i));
         (text, of, 1)

@@ -72,7 +72,8 @@ mod tests {
     use crate::check::tests::views_of;
     use crate::synthetic::SyntheticOptions;
 
-    /// Depth of a view as whole numbers, of a unit with which this share of its values is within 16 bits.
+    /// Depth map of a view as integers, in a unit in which the fraction `within` of its values fits
+    /// in 16 bits.
     fn stored(view: &View, within: f64) -> FloatMap {
         let mut map = view.content.depth().unwrap().unwrap();
         let mut values: Vec<f32> = map.iter().copied().filter(|z| *z > 0.0).collect();
@@ -84,7 +85,7 @@ mod tests {
         map
     }
 
-    /// Also values that are clamped, and a sky beyond everything else, are proper.
+    /// Clamped values, and a sky beyond everything else, are not reported.
     #[test]
     fn surfaces_that_continue_at_zero_are_told_from_edges() {
         let mut wrapped = 0;

@@ -31,7 +31,8 @@ const QUANTITIES: [Quantity; 3] = [
     }),
 ];
 
-/// Maximum loss of other views with the inverse factor, as a multiple of the least loss, if they are named, too.
+/// If applying the inverse factor to the other views has at most this multiple of the least loss,
+/// those views are reported, too.
 const AS_GOOD: f64 = 1.1;
 /// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;

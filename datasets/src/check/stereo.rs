@@ -174,8 +174,8 @@ impl Pair {
         })
     }
 
-    /// Evaluates how well the disparities that `disparity` computes from those as read match one picture with the
-    /// other.
+    /// Evaluates how well one picture matches the other at disparities converted by `disparity`
+    /// from those as read.
     fn explained(
         &self,
         (from, to): (&SmallView, &SmallView),
@@ -307,7 +307,7 @@ impl Pair {
                 );
                 readings.push((
                     format!(
-                        "the right picture is turned by about {} degrees {way}clockwise against the left one; rectify the pair",
+                        "the right picture is turned by about {} degrees {way}clockwise relative to the left one; rectify the pair",
                         number((10.0 * degrees).round() / 10.0)
                     ),
                     turned(slope, stride),
@@ -345,7 +345,7 @@ impl Pair {
         let product = camera.fx * baseline_m / (full * MIDDLE_UNIT_M);
         let (times, reciprocal) = fit(UNITS, &|times, d| product / (times * d) - offset);
         let how = format!(
-            "the disparity map holds depth, {} m a unit; store the disparities",
+            "the disparity map holds depth, {} m per unit; store the disparities",
             number(times * MIDDLE_UNIT_M)
         );
         if is_cause(self, &reciprocal, &|d| product / (times * d) - offset) {

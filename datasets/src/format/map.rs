@@ -81,7 +81,7 @@ mod tests {
 
     use super::*;
 
-    /// Only unpacking the whole archive reveals that its array is truncated.
+    /// Truncation of the array is detected only when the whole archive is unpacked.
     #[test]
     fn an_archived_map_is_judged_by_its_header() {
         let folder = tempfile::tempdir().unwrap();

@@ -128,7 +128,7 @@ impl<'a> NpyHeader<'a> {
     fn parse(bytes: &'a [u8]) -> Result<Self, FormatError> {
         let rest = bytes
             .strip_prefix(b"\x93NUMPY")
-            .ok_or("not a NumPy array: the first bytes are not its magic")?;
+            .ok_or("not a NumPy array: the first bytes are not its magic number")?;
         let short = || "the header ends early".to_owned();
         let (length, start) = match *rest.first().ok_or_else(short)? {
             1 => {

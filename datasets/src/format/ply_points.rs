@@ -37,7 +37,7 @@ pub fn parse(bytes: &[u8]) -> Result<Geometry, FormatError> {
     let wrong = |t: &&[u32; 3]| t.iter().any(|i| *i as usize >= count);
     if let Some(triangle) = geometry.triangles.iter().find(wrong) {
         return Err(invalid!(
-            "a face names the vertices {triangle:?} of {count}"
+            "a face refers to the vertices {triangle:?}, but there are only {count}"
         ));
     }
     Ok(geometry)
@@ -168,6 +168,9 @@ mod tests {
             property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\
             0 0 0\n3 0 0 1\n";
         let error = parse(bad_face.as_bytes()).unwrap_err().to_string();
-        assert!(error.to_string().contains("names the vertices"), "{error}");
+        assert!(
+            error.to_string().contains("refers to the vertices"),
+            "{error}"
+        );
     }
 }

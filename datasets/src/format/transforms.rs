@@ -186,7 +186,7 @@ impl RawIntrinsics {
 }
 
 impl JsonFrame {
-    /// Lets the file's intrinsics override the frame's, as nerfstudio does.
+    /// Makes the file's intrinsics override the frame's, as in nerfstudio.
     pub fn prefer_file(&mut self) {
         self.intrinsics = self.intrinsics.overridden_by(&self.shared);
     }

@@ -230,7 +230,7 @@ impl SyntheticScene {
         }
         if !(1..=16).contains(&options.samples) {
             return Err(refuse(format!(
-                "cannot take {0}x{0} samples a pixel; 1 to 16 a side are possible",
+                "cannot take {0}x{0} samples per pixel; 1 to 16 per side are possible",
                 options.samples
             )));
         }

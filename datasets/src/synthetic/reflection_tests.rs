@@ -116,8 +116,8 @@ fn levels(picture: &RgbImage) -> usize {
     levels.len()
 }
 
-/// A perfect mirror shows what a window would show of the world behind it, if that world were the reflection of the one
-/// in front; and its depth is its own.
+/// A perfect mirror shows what a window onto the reflected world would show. Its depth is that of
+/// the mirror itself.
 #[test]
 fn a_mirror_shows_the_reflected_world() {
     let mirror = Finish::Mirror {

@@ -29,7 +29,8 @@ pub(super) enum Surface {
     Layered(Finish),
 }
 
-/// Maximum number of mirrors and panes that light passes on its way to the camera; the last of more is black.
+/// Maximum number of mirrors and panes that light passes on its way to the camera; any further one
+/// is black.
 const MOST_LAYERS: u32 = 5;
 
 impl Object {
@@ -318,8 +319,8 @@ impl World {
         seen
     }
 
-    /// Linear light along a ray that leaves the flat surface of object `own`, after `before` lengths of its direction
-    /// vector from the camera.
+    /// Linear light along a ray that starts on the flat surface of object `own`. `before` is the length of the path
+    /// from the camera to `origin`, in lengths of `direction`.
     fn onwards(
         &self,
         own: usize,

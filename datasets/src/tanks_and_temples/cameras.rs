@@ -19,7 +19,7 @@ pub(super) struct SceneCameras {
 #[derive(Debug)]
 enum Kind {
     One(Lens),
-    /// By picture name, without folder and extension.
+    /// One camera per picture, by the picture's name without folder and extension.
     Each(BTreeMap<String, Lens>),
 }
 

@@ -183,7 +183,7 @@ fn read_zip(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
             .and_then(|n| n.checked_mul(storage.dtype.size()));
         if told != Some(range.len()) {
             return malformed!(
-                "storage '{}' has {} bytes, but the pickle states {} elements of {}",
+                "storage '{}' has {} bytes, but the pickle declares {} elements of {}",
                 storage.key,
                 range.len(),
                 storage.numel,

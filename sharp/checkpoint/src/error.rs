@@ -28,7 +28,7 @@ pub enum CheckpointError {
     #[error("{}: {reason}", path.display())]
     StateDict {
         path: PathBuf,
-        /// What was found, and under which keys.
+        /// The state dicts found and their keys, or what was found instead.
         reason: String,
     },
     #[error("{}: no tensor '{name}'", path.display())]

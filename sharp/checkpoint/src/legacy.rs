@@ -21,7 +21,7 @@ const MAX_PICKLES: usize = 64 << 20;
 
 /// Reads the table of contents.
 pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
-    // The length of the pickles is known only after they were run.
+    // The length of the pickles is known only after running them.
     let mut len = 1 << 17;
     loop {
         match contents(file, &file.start(len)?) {
@@ -100,7 +100,7 @@ fn storages<'a>(
         let numel = u64::from_le_bytes(count);
         if numel != storage.numel {
             return malformed!(
-                "storage '{key}' has {numel} elements, but its tensors state {}",
+                "storage '{key}' has {numel} elements, but its tensors declare {}",
                 storage.numel
             );
         }

@@ -116,7 +116,9 @@ impl TensorLayout {
             );
         }
         if storage.start > storage.end || storage.end > file_len {
-            return malformed!("a storage at bytes {storage:?} of a file of {file_len} bytes");
+            return malformed!(
+                "a storage at bytes {storage:?}, beyond the end of the file of {file_len} bytes"
+            );
         }
         let numel = shape.iter().try_fold(1_usize, |n, &s| n.checked_mul(s));
         // An empty axis makes the product zero only if no earlier product overflowed.

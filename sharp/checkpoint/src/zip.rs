@@ -29,7 +29,7 @@ const LOCAL_LEN: usize = 30;
 pub(crate) enum ZipEntry {
     /// Uncompressed, at this byte range of the file.
     Stored(Range<usize>),
-    /// Not stored; the reason that it cannot be read.
+    /// Cannot be read, for the given reason.
     Unreadable(String),
 }
 
@@ -135,7 +135,8 @@ fn entry(
     let mut packed = u32_at(record, 20);
     let mut size = u32_at(record, 24);
     let mut start = u32_at(record, 42);
-    // The 64-bit field contains, in this order, only the values that are saturated above.
+    // The 64-bit field contains, in this order, only the values that are saturated in the central
+    // record.
     let wide = wide_field(extra);
     let mut at = 0;
     for value in [&mut size, &mut packed, &mut start] {

@@ -55,7 +55,7 @@ fn hostile_files_allocate_little() {
         let peak = peak(&path);
         assert!(peak < 96 << 20, "{what}: {peak} bytes");
     }
-    // A sparse file of 64 GiB that is one endless pickle, then one that is one endless header.
+    // Sparse files of 64 GiB: first a single endless pickle, then a single endless header.
     for start in [
         hostile_checkpoints::older(b"\x80\x02"),
         vec![0, 0, 0, 0, 8, 0, 0, 0, b'{'],

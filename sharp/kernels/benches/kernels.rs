@@ -47,7 +47,7 @@ impl Measurement for CpuTime {
     }
 }
 
-/// Milliseconds of CPU time, and GFLOP per second of it.
+/// Formats a measurement as milliseconds of CPU time and GFLOP per CPU second.
 struct Format;
 
 impl ValueFormatter for Format {

@@ -85,8 +85,8 @@ impl RowOp for MaxPool {
 }
 
 per_instruction_set! {
-    /// Takes the maximum over the row of the windows that is in this input row. Unless this is the
-    /// `first` row, includes the existing `output`.
+    /// Reduces one input row: `output` becomes the maximum over the row's part of each window, and,
+    /// unless this is the `first` row, the existing `output`.
     fn max_row(
         input: &[f32],
         output: &mut [f32],

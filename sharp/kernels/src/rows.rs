@@ -34,7 +34,7 @@ impl<'a> RowWindow<'a> {
     }
 
     /// Like [`new`](Self::new), with the rows in two slices, all rows of `head` above those of
-    /// `tail`. Rows kept from the strip before need not be moved next to the new ones.
+    /// `tail`, so that rows kept from the previous strip need not be copied next to the new ones.
     ///
     /// # Panics
     /// If the total length is wrong, `head` ends within a row, or the rows lie outside the image.

@@ -22,10 +22,11 @@ pub use spz::{LARGEST_SPZ_SCALE, to_bytes as to_spz_bytes};
 /// Topic of the [`Suspicion`] that a file does not state its axes.
 pub const AXES: &str = "axes";
 
-/// Flips the axes of Gaussians by the given signs to obtain OpenCV axes, and removes the doubt about the file's axes.
+/// Flips the axes of Gaussians by the given signs to obtain OpenCV axes, and removes the suspicion
+/// about the file's axes.
 ///
 /// # Errors
-/// The doubt about the axes, if no signs are given.
+/// The text of that suspicion, if there is one and no signs are given.
 pub fn turn(
     gaussians: &mut Gaussians,
     doubts: &mut Vec<Suspicion>,
@@ -117,7 +118,7 @@ pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     Some(format!("{format}, which is not read; {CONVERT}"))
 }
 
-/// Why a compressed stream cannot be read, in words that do not depend on the decompressor.
+/// Reason that a compressed stream cannot be read, in words that do not depend on the decompressor.
 fn unfolding(error: &std::io::Error) -> String {
     let why = match error.kind() {
         std::io::ErrorKind::UnexpectedEof => "it ends early: truncated?",

@@ -44,7 +44,7 @@ impl MarkedRule {
             (_, Some(false)) => stated(Rule::GSPLAT_CLASSIC, "it is marked as not antialiased"),
             (Some(Generator::Nerfstudio), None) => likely(
                 Rule::GSPLAT_CLASSIC,
-                "nerfstudio exported it, whose rasterize_mode is in its config.yml",
+                "nerfstudio exported it (its config.yml states the rasterize_mode)",
             ),
             (Some(Generator::InriaLike), None) => likely(
                 Rule::INRIA_GENERAL,

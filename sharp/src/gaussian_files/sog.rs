@@ -100,7 +100,7 @@ impl Sog {
         };
         let count = count.as_u64().and_then(|count| usize::try_from(count).ok());
         let count =
-            count.ok_or_else(|| damaged("meta.json does not say how many Gaussians there are"))?;
+            count.ok_or_else(|| damaged("meta.json does not state the number of Gaussians"))?;
         let of = |attribute: &'static str, file: usize| self.pixels(attribute, file, count);
         let [low, high, scales, turns, colors] = [
             of("means", 0)?,
@@ -162,7 +162,7 @@ impl Sog {
         let is_whole = palette.width == PALETTE_COLUMNS * each;
         let degree = degree.filter(|_| is_whole).ok_or_else(|| {
             damaged(format!(
-                "a palette of view-dependent colours that is {} pixels wide",
+                "its palette of view-dependent colours has an unsupported width of {} pixels",
                 palette.width
             ))
         })?;
@@ -310,7 +310,7 @@ impl Levels {
 }
 
 /// The last byte identifies the largest of w, x, y, z, which is positive; the others follow in
-/// order. If the last byte has an undefined value, the result is no rotation.
+/// order. If the last byte has an undefined value, the result is the identity.
 fn rotation_of([a, b, c, last]: [u8; 4]) -> [f32; 4] {
     let Some(largest) = last.checked_sub(252).map(usize::from) else {
         return [1.0, 0.0, 0.0, 0.0];

@@ -48,7 +48,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     Ok(out)
 }
 
-/// A doubt about quaternions whose length is not 1. Lengths up to [`OFF_UNIT`] are ignored: they may stand for 0.
+/// Warns about quaternions whose length is not 1. Lengths up to [`OFF_UNIT`] are not counted: they
+/// may be quantised zeros.
 fn broken_quaternions(quaternions: &[[f32; 4]]) -> Option<Suspicion> {
     let lengths = quaternions
         .iter()
@@ -57,7 +58,7 @@ fn broken_quaternions(quaternions: &[[f32; 4]]) -> Option<Suspicion> {
     let off = off.count();
     (20 * off > quaternions.len()).then(|| {
         let text = format!(
-            "{:.0} % of its quaternions do not have the length 1, so these Gaussians are turned wrongly: were they not \
+            "{:.0} % of its quaternions do not have length 1, so these Gaussians are rotated wrongly: were they not \
              normalised, or did their bytes overflow? Write 128 + 128 q of unit quaternions, clamped to 0..255",
             100.0 * off as f64 / quaternions.len() as f64
         );

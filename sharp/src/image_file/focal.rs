@@ -146,8 +146,9 @@ fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
     })
 }
 
-/// Warns if the picture was cropped, or may have been. A picture that is smaller than its file states was either
-/// resized or cropped. `mm` is the 35 mm equivalent; `px` was derived from the file without its sensor.
+/// Warns if the picture was cropped, or may have been. A picture that is smaller than its file
+/// states was either resized or cropped. `mm` is the 35 mm equivalent; `px` is the focal length
+/// derived without the sensor's pixel pitch.
 fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String> {
     let is_larger = |a: f64, b: f64| a > b * (1.0 + SIDE_TOLERANCE);
     let factors = (stated.0 / size.0, stated.1 / size.1);
@@ -160,7 +161,7 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
     let whole = px_from_35mm(mm, stated) / factors.0.min(factors.1).max(1.0);
     let cropped = px_from_35mm(mm, stated);
     let sizes = format!(
-        "the file says {:.0}x{:.0}, the picture is {:.0}x{:.0}",
+        "the file states {:.0}x{:.0}, the picture is {:.0}x{:.0}",
         stated.0, stated.1, size.0, size.1
     );
     Some(if is_other_shape && (whole - cropped).abs() < 0.005 {
@@ -198,8 +199,8 @@ fn unknown_sensor(source: FocalSource, px: f64) -> Option<String> {
         return None;
     };
     let assumed = match mm < PHONE_MM {
-        true => "a phone's, 8.4 times that on 35 mm film",
-        false => "that of 35 mm film",
+        true => "a phone's sensor, whose 35 mm equivalent is 8.4 times as long",
+        false => "a sensor of the size of 35 mm film",
     };
     Some(format!(
         "the file states a {mm} mm lens, but not the size of its sensor: {px:.2} px assumes {assumed}; set the focal \
@@ -239,14 +240,14 @@ impl Sensor {
         })
     }
 
-    /// What a warning about a crop adds.
+    /// Text appended to a warning about a crop.
     fn note(self) -> String {
         let Self { width_mm, .. } = self;
         format!(" (by the file's FocalPlaneXResolution, the sensor is {width_mm:.1} mm wide)")
     }
 
-    /// A warning that the focal length differs from `px`. The 35 mm equivalent stays right if a picture is resized, the
-    /// pixel pitch if it is cropped.
+    /// Warns that the focal length differs from `px`. The 35 mm equivalent remains valid if a
+    /// picture is resized, the pixel pitch if it is cropped.
     fn text(self, source: FocalSource, px: f64) -> String {
         let Self {
             lens_mm,

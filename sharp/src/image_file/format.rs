@@ -41,9 +41,9 @@ pub(super) fn of(bytes: &[u8]) -> Result<ImageFormat, ImageFileError> {
     } else if bytes.get(4..8) == Some(b"JXL ") || bytes.starts_with(b"\xff\x0a") {
         "a JPEG XL picture; `djxl IN.jxl OUT.png` converts it"
     } else if bytes.starts_with(b"\x76\x2f\x31\x01") {
-        "an OpenEXR file, which is read as a prediction or a target of `metrics` and not here"
+        "an OpenEXR file, which is accepted only as a prediction or a target of `metrics`"
     } else if bytes.starts_with(b"\x93NUMPY") {
-        "a NumPy array, which is read as a prediction or a target of `metrics` and not here"
+        "a NumPy array, which is accepted only as a prediction or a target of `metrics`"
     } else {
         "neither PNG, JPEG, WebP, TIFF nor BMP"
     };

@@ -380,12 +380,12 @@ fn open<'a>(
     Ok((Box::new(decoder), header))
 }
 
-/// 16-bit levels are not judged in pictures with fewer pixels.
+/// Pictures with fewer pixels are not checked for unscaled 16-bit levels.
 const FEWEST_PIXELS: u32 = 256;
 
-/// Rejects 16-bit pictures that are nearly black because their values have only 8 to 12 bits. Dark
-/// pictures converted from 8 bits are accepted: their values are multiples of 257. So are pictures
-/// with few pixels, which prove nothing.
+/// Rejects 16-bit pictures that are nearly black because their values have only 8 to 12 bits.
+/// Accepts dark pictures converted from 8 bits, whose values are multiples of 257, and pictures
+/// with too few pixels to judge.
 fn refuse_unscaled(image: &DynamicImage) -> Result<(), ImageFileError> {
     let (values, has_alpha, channels) = match image {
         DynamicImage::ImageLuma16(image) => (image.as_raw(), false, 1),

@@ -24,8 +24,8 @@ pub struct BaseGradient {
 /// Subgradients match torch's: a block's value belongs to the first of its nearest pixels, row by
 /// row. Pixels beyond [`MAX_NORMALIZED_DEPTH`] get no gradient, but those exactly on it do. The
 /// gradient of the factor is divided evenly among all nearest pixels, as in torch's `amin`; the
-/// release's `min` assigns it to one of them, and its two layers start as copies of each other. The
-/// gradient is zero for invalid depth.
+/// release's `min` assigns it to one of them. (Ties occur because the release's two layers start as
+/// copies of each other.) The gradient is zero for invalid depth.
 ///
 /// # Errors
 /// [`InitializerError::Grid`], [`InitializerError::Length`].

@@ -10,10 +10,10 @@ use super::{ModelConfig, ModelError};
 /// Name used in place of a checkpoint's path.
 pub const NAME: &str = "mini";
 
-/// File name of its weights.
+/// File name of the network's weights.
 pub const FILE: &str = "mini.safetensors";
 
-/// Its configuration.
+/// Configuration of the network.
 ///
 /// # Errors
 /// If the compiled-in configuration is invalid.
@@ -36,7 +36,7 @@ pub fn source_folder() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/mini"))
 }
 
-/// A one-line description.
+/// A one-line description of the network, for messages and lists.
 ///
 /// # Errors
 /// As for [`config`].

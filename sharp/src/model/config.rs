@@ -50,10 +50,10 @@ impl VitConfig {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AlignmentInput {
-    /// As in the release, whose first convolution there has two input channels.
+    /// As in the release, whose alignment network receives two channels.
     #[default]
     FirstLayer,
-    /// As the paper's text may be read: its predicted depth has two layers. Three input channels.
+    /// A possible reading of the paper, whose predicted depth has two layers. Three input channels.
     BothLayers,
 }
 
@@ -101,9 +101,10 @@ pub struct ModelConfig {
     pub gaussian_norm_num_groups: usize,
     /// Channels of the alignment network's finest level.
     pub alignment_base_width: usize,
-    /// Number of levels below it.
+    /// Number of the alignment network's levels below the finest.
     pub alignment_steps: usize,
-    /// Weights trained with another input are refused.
+    /// Predicted depth that the alignment network receives. Weights trained with another setting
+    /// are refused.
     #[serde(default, skip_serializing_if = "AlignmentInput::is_default")]
     pub alignment_input: AlignmentInput,
     /// Side to which every image is resized, four times the transformers' input.

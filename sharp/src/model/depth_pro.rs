@@ -30,8 +30,7 @@ const SHARPS_DEPTH: &str = "monodepth_model.monodepth_predictor.";
 /// Name prefix of the field-of-view head, which a checkpoint may lack.
 const FOV: &str = "fov.";
 
-/// All parameters of Depth Pro with the sizes of `config`, of which only the depth network's matter, in order of
-/// construction.
+/// All parameters of Depth Pro, in order of construction. The sizes are those of the depth network of `config`.
 ///
 /// # Errors
 /// [`ModelError::Config`] for an impossible configuration, or one that the field-of-view head does not fit.
@@ -50,8 +49,9 @@ pub fn parameters(config: &ModelConfig, has_fov: bool) -> Result<Vec<Parameter>,
     Ok(declared(|p| Modules::new(config, p, has_fov)))
 }
 
-/// A checkpoint of Depth Pro as a source of weights, under its own names or those of SHARP's depth network, whose layers
-/// of disparity then both get the weights of Depth Pro's only one.
+/// A checkpoint of Depth Pro as a source of weights, under its own names or those of SHARP's depth
+/// network. In the latter case, both of SHARP's disparity layers get the weights of Depth Pro's
+/// single one.
 #[derive(Debug)]
 pub struct DepthProSource(CheckpointSource);
 
@@ -116,7 +116,7 @@ impl WeightSource for DepthProSource {
 pub struct MetricDepth {
     /// z-depth in metres, 1e-4..1e4, `[height, width]` of the photograph.
     pub depth: Vec<f32>,
-    /// The focal length that the depth is for, in pixels: the given one, or else the estimate.
+    /// Focal length in pixels from which the depth was computed: the given one, or else the estimate.
     pub focal_px: f32,
 }
 
@@ -160,12 +160,13 @@ impl DepthPro {
         })
     }
 
-    /// Predicts the depth of a photograph whose focal length is `focal_px` pixels. If it is `None`, it is estimated.
+    /// Predicts the depth of a photograph with a focal length of `focal_px` pixels; `None`
+    /// estimates the focal length.
     ///
     /// # Errors
-    /// [`ModelError::Image`] for an image of the wrong size or with values that are not finite, a focal length that is
-    /// not positive, or none if the checkpoint cannot estimate it, and for a result that is not finite;
-    /// [`ModelError::Tensor`].
+    /// [`ModelError::Image`] if the image has the wrong size or non-finite values, if the focal
+    /// length is not positive, if it is needed because the checkpoint cannot estimate it, or if the
+    /// result is not finite; [`ModelError::Tensor`].
     pub fn predict(
         &self,
         image: Planes<'_>,
@@ -226,7 +227,7 @@ struct FieldOfView {
 }
 
 impl FieldOfView {
-    /// Tokens along a side, to which the sizes of the convolutions are bound.
+    /// Tokens along a side; the convolutions have sizes for this number only.
     const TOKENS: usize = 24;
 
     fn new(p: &Params<'_>, config: &ModelConfig) -> Self {
@@ -329,7 +330,8 @@ mod tests {
         assert_eq!(ours, official);
     }
 
-    /// The official network's recording: complete, or 512 values at positions given by the stage's name.
+    /// Compares `found` with the official network's recording, which has all values, or 512 at
+    /// positions derived from the stage's name.
     fn judge(recording: &Checkpoint, stage: &str, found: &[f32], tolerance: f32) {
         let expected = recording.tensor_f32(stage).unwrap();
         let start = fnv1a64(&["idx:", stage]);

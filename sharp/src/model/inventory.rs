@@ -45,7 +45,7 @@ impl CheckpointSource {
         Self::open_with(path, &inventory(&ModelConfig::release())?)
     }
 
-    /// Like [`Self::open`], for the network with these parameters at any size.
+    /// Like [`Self::open`], for a network with parameters of these names; their shapes are ignored.
     pub(super) fn open_with(path: &Path, parameters: &[Parameter]) -> Result<Self, ModelError> {
         let roots = parameters.iter().filter_map(|p| p.name.split('.').next());
         // The first components of names are the same for all sizes.
@@ -95,7 +95,7 @@ impl CheckpointSource {
             && stride != config.gaussian_stride
         {
             return Err(ModelError::Config(format!(
-                "`{}`: Gaussian stride {}, but the weights in {} are of stride {stride}: set `gaussian_stride`",
+                "`{}`: Gaussian stride {}, but the weights in {} have stride {stride}: set `gaussian_stride`",
                 config.preset,
                 config.gaussian_stride,
                 self.file.path().display()
@@ -106,7 +106,7 @@ impl CheckpointSource {
             && found != layers
         {
             return Err(ModelError::Config(format!(
-                "`{}`: the alignment receives {layers} of the depth layers, but {found} for the weights in {}: set \
+                "`{}`: the alignment network receives {layers} depth layers, but {found} with the weights in {}: set \
                  `alignment_input`",
                 config.preset,
                 self.file.path().display()
@@ -277,7 +277,7 @@ mod tests {
             let text = error.to_string();
             for part in [
                 &format!("Gaussian stride {stride}"),
-                "of stride 2",
+                "have stride 2",
                 "tiny_model.pt",
             ] {
                 assert!(text.contains(part), "{text}");
@@ -292,7 +292,7 @@ mod tests {
         let error = official_tiny().check(&config, &[]).unwrap_err();
         assert!(matches!(error, ModelError::Config(_)), "{error:?}");
         let text = error.to_string();
-        for part in ["receives 2 of", "but 1 for", "tiny_model.pt"] {
+        for part in ["receives 2 depth layers", "but 1 with", "tiny_model.pt"] {
             assert!(text.contains(part), "{text}");
         }
     }
@@ -323,7 +323,8 @@ mod tests {
         }
     }
 
-    /// What is said of the official weights, changed by name.
+    /// [`implausible_weights`](CheckpointSource::implausible_weights) of a checkpoint in which
+    /// `change` has modified some tensors, selected by name.
     fn told_of(change: impl Fn(&str, &mut Vec<f32>)) -> Option<String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("changed.safetensors");

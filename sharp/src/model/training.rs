@@ -42,8 +42,8 @@ pub struct TrainingInput<'a> {
     /// is 0 (unknown), the network receives the first predicted layer instead.
     pub known_depth: Option<&'a [f32]>,
     /// If true, disparity at or below its lower bound still passes gradients that would raise it.
-    /// If false, a randomly initialised network may lose all of its depth at once and never
-    /// recover. The release has a clamp for this purpose but does not use it.
+    /// If false, a randomly initialised network may drop to the bound everywhere and never recover.
+    /// The release has a clamp for this purpose but does not use it.
     pub zeros_return: bool,
     /// Skips the refinement of Gaussians, for losses that depend on depth alone: deltas are 0.
     pub depth_only: bool,

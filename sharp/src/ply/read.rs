@@ -16,7 +16,7 @@ use crate::gaussians::Gaussians;
 pub(crate) struct Decoded {
     /// Stored values, encoded as `form` describes; harmonics are not encoded.
     pub(crate) stored: Gaussians,
-    /// The encodings of the format itself.
+    /// Encodings of the stored values, as the format defines them.
     pub(crate) form: StoredForm,
     pub(crate) marks: FileMarks,
     /// Mip-Splatting's filter of each Gaussian; empty if absent.

@@ -378,7 +378,8 @@ fn interleaved_coefficients_are_put_in_order_and_back() {
     assert_eq!(gaussians, stored);
 }
 
-/// Stored numbers of a proper file, from opacities and colours of a photograph's range.
+/// A plausible scene, with opacities and colours in the range of a photograph, which `store`
+/// encodes.
 fn varied(store: impl Fn(f32, f32) -> (f32, f32)) -> Gaussians {
     let share = |k: usize| 0.03 + 0.94 * (k as f32 + 0.5) / 400.0;
     let mut all = Gaussians::default();

@@ -12,7 +12,7 @@ pub enum RenderError {
     View(String),
     /// The image is empty or a side exceeds [`RenderView::MAX_SIDE`](super::RenderView::MAX_SIDE).
     #[error(
-        "cannot render an image of {width}x{height} pixels (1 to {} a side)",
+        "cannot render an image of {width}x{height} pixels (1 to {} per side)",
         MAX_SIDE
     )]
     Size { width: u32, height: u32 },

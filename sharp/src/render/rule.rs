@@ -1,8 +1,8 @@
 //! Named rendering conventions: the choices in which renderers of 3D Gaussians differ.
 //!
-//! Everything else in the definition is common to all of them (see [`super`]). The handling of a compensated opacity
-//! below 1/255 is no choice: the picture is the same whether such a Gaussian is dropped early or skipped at every
-//! pixel.
+//! Everything else in the definition is common to all of them (see [`super`]). No choice is needed
+//! for a compensated opacity below 1/255: the picture is the same whether such a Gaussian is
+//! dropped early or skipped at every pixel.
 
 use crate::gaussians::Harmonics;
 use crate::ply::{ColorSpace, setting};
@@ -46,7 +46,7 @@ setting!(
 setting!(
     /// Bounds on x/z and y/z at which the Jacobian is evaluated.
     JacobianClamp, "jacobian-clamp":
-    /// The picture's edges, extended by 0.15 of its sides.
+    /// The picture's edges, moved outwards by 0.15 of its width or height.
     Image = "image",
     /// 1.3 half fields of view to either side of the axis, regardless of the principal point.
     Symmetric = "symmetric",

@@ -67,7 +67,7 @@ pub struct TrainingConfig {
     pub trained: TrainedParts,
     /// True if predicted depth is aligned with the true depth before use (paper, depth adjustment).
     pub aligned: bool,
-    /// Overrides the network's; parsing moves it there.
+    /// Overrides the network's own `alignment_input`, to which parsing moves the value.
     pub alignment_input: Option<AlignmentInput>,
     /// True if disparity that has become zero may recover; see
     /// [`TrainingInput`](sharp::model::training::TrainingInput). Not in the paper, whose network is pretrained.

@@ -15,7 +15,7 @@ use super::support::Said;
 /// A case copied into its own folder, with the output of its commands.
 pub(crate) struct Case {
     folder: tempfile::TempDir,
-    /// One per line of `cmd`.
+    /// Output of each line of `cmd`.
     pub(crate) said: Vec<Said>,
 }
 

@@ -323,7 +323,7 @@ fn predict_names_its_own_options() {
     assert!(predict("--alpha white").ends_with(0).err.is_empty());
 }
 
-/// Proper files cause no new messages.
+/// Correct files cause no new messages.
 #[test]
 fn proper_pictures_are_read_in_silence() {
     let silent = |case: &Case, line: &str| {
@@ -412,8 +412,8 @@ fn pictures_in_subfolders_count_beside_those_above_them() {
     assert_eq!(said.json()["pairs"].as_array().unwrap().len(), 5);
 }
 
-/// Pictures stored in another form than they are read in, from a network that predicts poorly, and
-/// proper pictures of several kinds.
+/// Predictions of a poor network, stored in another form than they are read in, and correct
+/// pictures of several kinds.
 #[test]
 fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_are_not() {
     let case = empty();
@@ -458,8 +458,8 @@ fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_
     all.is_said_everywhere("r-mirrored", "look as if they are mirrored left to right: ");
 }
 
-/// Pictures named after other pairs, pictures with other ranges, and poor pictures with neither
-/// mistake.
+/// Pictures named after other pairs, pictures with other value ranges, and poor pictures with
+/// neither mistake.
 #[test]
 fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
     let case = empty();

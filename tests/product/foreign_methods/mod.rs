@@ -44,7 +44,8 @@ fn scores(dir: &Path, run: &str) -> Scores {
     scores
 }
 
-/// Predictions that equal the targets, to be modified: `DIR/truth/predictions/target`.
+/// Runs the method `target` in `DIR/truth`, so that tests can modify predictions that equal the
+/// targets; returns their pair ids.
 fn truth(dir: &Path, limit: &str) -> Vec<String> {
     run(dir, "truth", &["--method", "target", "--limit", limit]).ends_with(0);
     let rows = scores(dir, "truth");

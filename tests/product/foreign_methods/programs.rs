@@ -92,7 +92,7 @@ fn a_program_is_asked_pair_by_pair_and_each_failure_is_its_own() {
     assert_eq!(settings["content"].as_str().map(str::len), Some(16));
 }
 
-/// Each answer has its own names, no more than an answer may have; together they exceed the limit.
+/// Each answer has as many names as allowed, but different ones; together they exceed the limit.
 #[cfg(unix)]
 #[test]
 fn the_columns_of_a_program_are_bounded_over_all_of_its_answers() {

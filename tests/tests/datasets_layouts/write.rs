@@ -108,7 +108,7 @@ pub(crate) fn colmap_text(folder: &Path, lens: &Lens, images: &[(String, RigidTr
     text(folder, "images.txt", &list);
 }
 
-/// The same in binary form.
+/// Like [`colmap_text`], in COLMAP's binary form.
 pub(crate) fn colmap_binary(folder: &Path, lens: &Lens, images: &[(String, RigidTransform)]) {
     let (model, params) = colmap_camera(lens);
     let id = match model {

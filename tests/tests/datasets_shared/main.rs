@@ -160,8 +160,7 @@ fn unsorted_model(folder: &Path) -> Outcome {
     })
 }
 
-/// Camera id 0, and points that are projected close to their observations in the images (world to
-/// camera, corner convention).
+/// A model with a camera of id 0. Its points must lie in front of the cameras that see them.
 fn palace_model(folder: &Path) -> Outcome {
     let model = colmap::read_model(folder)?;
     check(model.images.len() == 11, || {

@@ -1,5 +1,5 @@
 //! Wrong rules and wrong readings, as far as a rule or a scene can express them. Each must change
-//! some picture, by as much as the oracle says.
+//! some picture by the amount that the oracle computed.
 
 use super::colors::{eye, in_directions, mean, painted};
 use super::golden::{Golden, SCENES, folder};

@@ -17,7 +17,8 @@ const LEAST_OF_FOCALS: f64 = 0.85;
 const FOCALS: (i32, f64) = (20, 1.0353);
 /// Maximum difference of the fraction of matches explained by square pixels and by the best factor of fx or fy alone.
 const SQUARE: f64 = 0.03;
-/// Changes of focal lengths that explain far fewer matches where focal lengths can be judged.
+/// Factors of the focal lengths that test whether the matches determine them; if so, these factors
+/// explain far fewer matches.
 const OTHER_FOCALS: [f64; 2] = [0.8, 1.25];
 /// Focal lengths whose relative difference is smaller are considered equal.
 const SAME: f64 = 0.02;
@@ -44,8 +45,8 @@ impl Matches<'_> {
         Some((Change::Cameras(text), explained))
     }
 
-    /// The common factor of focal lengths that explains the matches significantly better, and nearly all of them. Of
-    /// several, the one with the most nearly square pixels.
+    /// The common factor of focal lengths that explains the matches significantly better, and
+    /// nearly all of them. If several do, the factor whose pixels are closest to square.
     pub(super) fn other_focal(
         &self,
         as_read: &[Option<bool>],
@@ -87,7 +88,8 @@ impl Matches<'_> {
         misses.sum::<f64>() / self.matches.len().max(1) as f64
     }
 
-    /// True if focal lengths that are clearly wrong would explain about as many matches: the fraction `share`.
+    /// True if the matches do not determine focal lengths: clearly wrong ones explain about as
+    /// many, the fraction `share`.
     pub(super) fn leaves_focals_open(&self, share: f64) -> bool {
         let mut others = Focal::ALL
             .iter()

@@ -47,7 +47,7 @@ const LEAST_SHARE: f64 = 0.6;
 const LEAST_MORE: f64 = 0.2;
 /// Minimum increase of the number of explained matches, in standard errors.
 const LEAST_ERRORS: f64 = 4.0;
-/// Maximum number of views of which every pair is tried as the poses of two pictures.
+/// Maximum number of views whose poses are tried, two at a time, for two pictures.
 const MOST_TRIED: usize = 48;
 /// Minimum fraction of matches that the poses of other views must explain to be reported.
 const LEAST_ELSEWHERE: f64 = 0.75;
@@ -337,13 +337,13 @@ fn pixel(camera: &Intrinsics) -> f64 {
     1.0 / camera.fx.max(camera.fy)
 }
 
-/// True if two rays, one of each view, meet up to a distance `near`, measured at z = 1 of the second view.
+/// True if two rays, one from each view, pass within `near` of each other, measured at z = 1 of the second view.
 fn lies(second_from_first: &RigidTransform, rays: (DVec3, DVec3), near: f64) -> bool {
     miss(second_from_first, rays, near) < near
 }
 
-/// Distance by which two rays, one of each view, miss each other, measured at z = 1 of the second view. 0 for rays that
-/// are parallel up to `near`, and infinite for rays that meet behind a camera.
+/// Distance by which two rays, one from each view, miss each other, measured at z = 1 of the second view. 0 for rays
+/// that are parallel up to `near`, and infinite for rays that meet behind a camera.
 fn miss(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f64) -> f64 {
     let (turned, t) = (
         second_from_first.rotation * from,

@@ -27,14 +27,15 @@ fn classic_and_varied() -> [Vec<View>; 2] {
     [views(0, SIZE), varied(2)]
 }
 
-/// Fails unless a look at the views says this alone.
+/// Fails unless the check reports `cause` and nothing else.
 fn is_named(what: &str, views: &[View], effort: Effort, cause: &str) {
     let said = found(views, effort);
     let is_named = said.len() == 1 && said[0].contains(cause);
     assert!(is_named, "{what} {effort:?} {cause}: {said:?}");
 }
 
-/// Depth as a camera sees it whose picture is enlarged about its middle and then moved, in widths.
+/// Depth as seen by another camera: its picture is enlarged by `zoom` about the centre and then
+/// moved by `off` widths.
 fn of_other_camera(views: &mut [View], zoom: f64, off: DVec2) {
     change(views, |c| {
         c.change(|depth| {
@@ -75,7 +76,7 @@ fn depth_of_another_camera_is_named() {
             let mut wrong = right.clone();
             of_other_camera(&mut wrong, zoom, off / 640.0);
             is_named("other camera", &wrong, THOROUGH, cause);
-            // A few samples may tell too little, but nothing wrong.
+            // With few samples, the check may find nothing, but must not report another cause.
             let quick = found(&wrong, QUICK);
             assert!(
                 quick.iter().all(|said| said.contains("not aligned")),
@@ -102,7 +103,8 @@ fn z_buffers_are_named_and_not_called_a_scale() {
     }
 }
 
-/// Views through a lens that shows radius r at r (1 + k1 r²), by cameras without distortion.
+/// Views through a lens that shows radius r at r (1 + k1 r²), with cameras that state no
+/// distortion.
 fn distorted(views: &mut [View], k1: f64) {
     fn from(k: &Intrinsics, k1: f64, x: u32, y: u32) -> DVec2 {
         let focal = DVec2::new(k.fx, k.fy);
@@ -156,7 +158,7 @@ fn lens_distortion_of_a_few_pixels_is_named() {
     }
 }
 
-/// Poses with a few decimals are named as such, or not at all, but not called another error.
+/// Poses with few decimals may be reported as rounded or not at all, but not as another error.
 #[test]
 fn rounded_poses_are_not_called_another_error() {
     let mut named = 0;
@@ -182,7 +184,7 @@ fn rounded_poses_are_not_called_another_error() {
 fn depth_beyond_16_bits_is_named_with_its_file() {
     let folder = tempfile::tempdir().unwrap();
     let views = &varied(1)[..4];
-    // Depth of 15 m is 65535 or twice as much.
+    // 16 bits hold depths up to 120 m, then up to 15 m.
     for (unit, is_over) in [(15.0 / 65535.0 * 8.0, false), (15.0 / 65535.0, true)] {
         let frames: Vec<String> = views
             .iter()
@@ -241,7 +243,7 @@ fn steep_edges_indoors_and_outdoors_are_proper() {
         for effort in [QUICK, THOROUGH] {
             assert_eq!(found(&views, effort), [""; 0], "{seed} {effort:?}");
         }
-        // Noise of a sensor.
+        // Sensor noise.
         change(&mut views, |c| {
             c.each(|z| {
                 let noise = (z.to_bits().wrapping_mul(2_654_435_761) >> 8) as f32 / 16_777_216.0;

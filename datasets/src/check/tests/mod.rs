@@ -101,7 +101,7 @@ pub(super) fn views_of(options: SyntheticOptions) -> Vec<View> {
     views
 }
 
-/// What a look at the views of a scene finds, of a pair if there are two.
+/// Contradictions that the check finds in the views of a scene.
 pub(super) fn found(views: &[View], effort: Effort) -> Vec<String> {
     look(&scene(views.to_vec()), Units::default(), effort).contradictions
 }

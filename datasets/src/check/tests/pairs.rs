@@ -36,7 +36,7 @@ fn calibrations_of_other_scenes_are_named() {
     let dataset = crate::bundled::extract(folder.path()).unwrap();
     let own = dataset.join("Motorcycle-quarter");
     assert_eq!(problems(&dataset), [""; 0]);
-    // A slightly too narrow range, and none, are accepted.
+    // A range that is slightly too narrow, or missing, is accepted.
     let original = std::fs::read_to_string(own.join("calib.txt")).unwrap();
     for stated in ["vmin=9\nvmax=57", ""] {
         edit(&own, |text| text.replace("vmin=7\nvmax=60", stated));
@@ -72,7 +72,7 @@ fn calibrations_of_other_scenes_are_named() {
         said[1].contains("Other: the cameras are the same as those of Motorcycle-quarter, whose pictures are 741x500"),
         "{said:?}"
     );
-    // With a principal point of its own, it is another camera.
+    // With another principal point, it is a different camera.
     edit(&other, |text| text.replace("254.87675", "244.87675"));
     assert_eq!(problems(&dataset), [""; 0]);
     assert_eq!(copied_calibrations(&[]), []);

@@ -1,4 +1,4 @@
-//! Proper scenes of kinds that look odd contradict nothing.
+//! Unusual but valid scenes, which must not be reported.
 
 use glam::{DMat3, DVec2, DVec3};
 use image::{Luma, Rgb, RgbImage};
@@ -10,16 +10,16 @@ use crate::check::{QUICK, THOROUGH};
 use crate::synthetic::SyntheticOptions;
 use crate::{DepthMap, View};
 
-/// Fails where a look finds something.
+/// Fails if the check finds anything.
 fn is_proper(what: &str, views: &[View]) {
     for effort in [QUICK, THOROUGH] {
         assert_eq!(found(views, effort), [""; 0], "{what}");
     }
 }
 
-/// Axis and place of a room's walls.
+/// Axis and coordinate of each wall of a room.
 const WALLS: [(usize, f64); 5] = [(1, 1.2), (1, -1.8), (0, -3.0), (0, 3.0), (2, 6.0)];
-/// Centre and radius of the object in it.
+/// Centre and radius of each object in the room.
 const BALLS: [([f64; 3], f64); 5] = [
     ([-1.2, 0.3, 2.0], 0.4),
     ([0.9, 0.5, 2.6], 0.35),
@@ -28,7 +28,7 @@ const BALLS: [([f64; 3], f64); 5] = [
     ([1.6, -0.3, 4.0], 0.45),
 ];
 
-/// Depth in the direction of a ray with z = 1, and the number of what is there.
+/// Depth along a ray with z = 1, and the index of the surface that it hits.
 fn seen(at: DVec3, ray: DVec3) -> (f64, usize) {
     let walls = WALLS
         .iter()
@@ -46,7 +46,8 @@ fn seen(at: DVec3, ray: DVec3) -> (f64, usize) {
     all.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
 }
 
-/// Six views a step apart of a room whose surfaces have one colour each, through a lens of so many widths.
+/// Six views, `step` apart, of a room whose surfaces have one colour each; the focal length is
+/// `widths` picture widths.
 fn room((w, h): (u32, u32), widths: f64, step: DVec3) -> Vec<View> {
     let focal = widths * f64::from(w);
     let centre = (f64::from(w) / 2.0, f64::from(h) / 2.0);
@@ -76,7 +77,7 @@ fn room((w, h): (u32, u32), widths: f64, step: DVec3) -> Vec<View> {
     (0..6).map(view).collect()
 }
 
-/// Where colours are flat and pixels coarse, no motion at all seems to fit best.
+/// With flat colours and coarse pixels, no motion at all seems to fit best.
 #[test]
 fn flat_colours_wide_angles_and_small_steps_are_proper() {
     for size in [(96, 72), (128, 96)] {
@@ -119,7 +120,8 @@ fn tiny_pictures_are_proper() {
     }
 }
 
-/// Views of a painted wall at z = 2 m, parallel to it, whose depth is the same everywhere.
+/// Views of a painted wall at z = 2 m, parallel to the picture plane, so that its depth is the same
+/// everywhere.
 fn wall(step: DVec3) -> Vec<View> {
     let (w, h) = (96, 72);
     let intrinsics = Intrinsics::new((80.0, 80.0), (48.0, 36.0), (w, h)).unwrap();

@@ -1,4 +1,4 @@
-//! Proper scenes contradict nothing, and what was spoiled in them is named.
+//! Valid scenes are not reported, and each kind of damage is reported with its cause.
 
 use std::sync::Arc;
 
@@ -22,7 +22,8 @@ fn found(views: &[View]) -> Vec<String> {
 
 type Spoil = fn(&mut [View]);
 
-/// Fails unless the thorough look at two proper scenes says nothing, and of the spoiled ones this.
+/// Fails unless the thorough check reports nothing for two valid scenes and only the given text for
+/// each damaged one.
 fn named(cases: &[(Spoil, &str)]) {
     for seed in 0..2 {
         let right = views(seed, SIZE);
@@ -39,7 +40,7 @@ fn named(cases: &[(Spoil, &str)]) {
     }
 }
 
-/// Every view keeps its picture and pose and has the depth of another.
+/// Gives every view the depth of view `of(i)`, but keeps its picture and pose.
 fn depth_of(views: &mut [View], of: impl Fn(usize) -> usize) {
     let before: Vec<Pixels> = views.iter().map(Pixels::of).collect();
     for (i, view) in views.iter_mut().enumerate() {
@@ -50,7 +51,7 @@ fn depth_of(views: &mut [View], of: impl Fn(usize) -> usize) {
     }
 }
 
-/// Every view keeps its depth and pose and has the picture of another.
+/// Gives every view the picture of view `of(i)`, but keeps its depth and pose.
 fn picture_of(views: &mut [View], of: impl Fn(usize) -> usize) {
     let before: Vec<Pixels> = views.iter().map(Pixels::of).collect();
     for (i, view) in views.iter_mut().enumerate() {
@@ -235,7 +236,7 @@ fn mirrored_axes_are_named() {
     ]);
 }
 
-/// Of a seed whose neighbours share enough features in any order.
+/// Uses a seed whose neighbouring views share enough features in any order.
 #[test]
 fn pictures_of_other_poses_are_named_without_depth() {
     for seed in [0] {
@@ -292,7 +293,7 @@ fn exchanged_principal_points_are_named_and_crops_are_not() {
         let said = of(cx, cy);
         assert!(said.contains("if cx and cy were exchanged"), "{said}");
     }
-    // The middle, and crops of the left, of the bottom and of a corner.
+    // Principal points of a whole picture, and of crops from the left, the bottom and a corner.
     for (cx, cy) in [
         (64.0, 48.0),
         (61.0, 50.0),
@@ -312,7 +313,7 @@ pub(super) fn pair(seed: u64) -> Vec<View> {
     pair_of_size(seed, 1)
 }
 
-/// So many times as large as 160x120.
+/// A rectified pair, `times` as large as 160x120.
 fn pair_of_size(seed: u64, times: u32) -> Vec<View> {
     pair_of(seed, times, (BASELINE_M, 82.0))
 }
@@ -356,7 +357,8 @@ pub(super) fn of_pair(views: Vec<View>) -> (String, Option<String>) {
     (look.contradictions.join("; "), look.note)
 }
 
-/// What a depth map becomes if its values are read as disparities, or its disparities are.
+/// The depth that results if a map of depths is read as disparities, or a map of disparities as
+/// depths.
 fn read_as_disparity(pixels: &mut Pixels) {
     pixels.each(|z| (BASELINE_M * FOCAL) as f32 / (z + 2.5));
 }
@@ -386,7 +388,7 @@ fn pairs_whose_disparity_is_something_else_are_named() {
     }
 }
 
-/// The right picture begins this many columns further right than its camera says.
+/// The right picture was cropped `by` columns further right than its camera states.
 #[test]
 fn pairs_cropped_at_different_columns_are_named() {
     for (by, said) in [
@@ -517,7 +519,7 @@ fn one_wrong_view_is_named() {
     assert_eq!(said, ["view_03: the picture has a single colour"]);
 }
 
-/// A camera whose principal point is off the middle is proper, and is named with cx and cy exchanged.
+/// An off-centre principal point is valid; with cx and cy exchanged, it is reported.
 #[test]
 fn exchanged_principal_points_off_the_middle_are_named() {
     let options = SyntheticOptions {
@@ -571,7 +573,8 @@ fn pairs_that_are_not_rectified_or_far_too_wide_are_named() {
     assert!(said.contains("the baseline is 200 m"), "{said}");
 }
 
-/// Seen through a lens that magnifies the middle more than the border, by a camera that says nothing of it.
+/// Views through a lens that magnifies the centre more than the border, with cameras that state no
+/// distortion.
 fn distorted(views: &mut [View]) {
     const BY: f64 = 0.25;
     fn from((w, h): (u32, u32), x: u32, y: u32) -> (u32, u32) {
@@ -650,7 +653,7 @@ fn units_that_change_within_a_scene_are_named() {
             |i| if i < 4 { 1.0 } else { 0.1 },
             "their translation times 10 fits",
         ),
-        // Pairs within one half alone are looked at.
+        // Only pairs within one half of the views are examined.
         (
             |i| if i < 4 { 1.0 } else { 2.0 },
             "their depth times 2 fits (or their translation times 0.5)",
@@ -670,7 +673,7 @@ fn units_that_change_within_a_scene_are_named() {
     }
 }
 
-/// The map holds lengths of rays where z is read, and z where lengths of rays are.
+/// Maps of ray lengths that are read as z, and maps of z that are read as ray lengths.
 #[test]
 fn lengths_of_rays_are_named_either_way() {
     fn times(views: &mut [View], power: i32) {
@@ -709,7 +712,7 @@ fn lost_rotations_are_named() {
     )]);
 }
 
-/// Points and poses of two models, whose units differ.
+/// Points and poses from two models with different units.
 #[test]
 fn points_in_another_unit_are_told_to_be_of_another_model() {
     let spec = crate::DatasetSpec::parse("colmap=c,depth=points").unwrap();
@@ -741,13 +744,13 @@ fn two_views_are_enough_for_inverse_depth_and_a_principal_point() {
         aside.iter_mut().for_each(|v| v.intrinsics.cx += 16.0);
         let said = found(&aside);
         let is_right = |said: &String| said.starts_with("a principal point of about (16");
-        // Where views move sideways alone, it hardly shows.
+        // If views only move sideways, the error has little effect.
         assert!(
             said.iter().all(is_right) && said.len() >= usize::from(seed == 0),
             "{said:?}"
         );
     }
-    // Far off, as of a crop whose cameras are those of the whole picture.
+    // A large offset, as in a crop with the cameras of the whole picture.
     let mut cropped = views(0, (320, 240));
     cropped.iter_mut().for_each(|v| v.intrinsics.cx += 60.0);
     let said = found(&cropped);
@@ -807,7 +810,7 @@ fn zoom(view: &mut View, by: f64) {
     view.intrinsics.fy *= by;
 }
 
-/// No single exchange explains a shuffle, also where pictures have few colours.
+/// No single exchange explains shuffled pictures, even if they have few colours.
 #[test]
 fn shuffled_pictures_are_named_and_not_called_exchanged() {
     fn flat(pixels: &mut Pixels) {
@@ -836,7 +839,7 @@ fn shuffled_pictures_are_named_and_not_called_exchanged() {
                 let said = found(&wrong);
                 let says = |part: &str| said.iter().any(|text| text.contains(part));
                 let is_named = says("assigned incorrectly") || says("are inconsistent");
-                // Flat pictures may tell too little, but nothing wrong.
+                // Flat pictures may allow no conclusion, but must not lead to a wrong one.
                 assert!(is_named || is_flat && said.is_empty(), "{seed}: {said:?}");
                 assert!(!says("each other's"), "{seed}: {said:?}");
             }
@@ -903,7 +906,7 @@ fn transposed_rotations_and_exchanged_translations_are_named() {
             "the cameras' positions read as translations",
         ),
     ]);
-    // As in ROS, and as of aircraft.
+    // Body axes as in ROS and as in aviation.
     for axes in [
         DMat3::from_cols(-DVec3::Y, -DVec3::Z, DVec3::X),
         DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X),
@@ -919,7 +922,7 @@ fn transposed_rotations_and_exchanged_translations_are_named() {
     }
 }
 
-/// With and without depth, which is turned, too.
+/// Tested with depth maps, which are turned as well, and without them.
 #[test]
 fn pictures_turned_by_a_quarter_without_their_poses_are_named() {
     let mut right = views(0, (192, 144));
@@ -947,7 +950,8 @@ fn pictures_turned_by_a_quarter_without_their_poses_are_named() {
     }
 }
 
-const CONTRADICT: &str = "pictures and poses contradict each other, and no known change mends it";
+const CONTRADICT: &str =
+    "pictures and poses contradict each other, and no known correction explains it";
 
 fn shifted(pixels: &mut Pixels, (x, y): (i64, i64)) {
     pixels.turn(|picture| {
@@ -957,7 +961,8 @@ fn shifted(pixels: &mut Pixels, (x, y): (i64, i64)) {
     });
 }
 
-/// Each picture cropped elsewhere, as video stabilisation does, or the second half of the poses of another model.
+/// Tested with pictures that were each cropped at another position, as by video stabilisation, and with poses whose
+/// second half is from another model.
 #[test]
 fn what_no_change_explains_is_named_as_a_contradiction() {
     let right = views(0, (256, 192));
@@ -1024,7 +1029,7 @@ fn moving_objects_and_imprecise_poses_are_no_contradiction() {
             }
             for effort in [THOROUGH, QUICK] {
                 let said = super::found(&views, effort);
-                let is_accused = said.iter().any(|said| said.contains("no known change"));
+                let is_accused = said.iter().any(|said| said.contains("no known correction"));
                 assert!(!is_accused, "{seed} {with_depth} {effort:?}: {said:?}");
             }
         }
@@ -1073,7 +1078,7 @@ fn pairs_of_one_picture_or_turned_against_each_other_are_named() {
             });
         });
         let (said, _) = of_pair(turned);
-        let right = format!("degrees {way} against the left one");
+        let right = format!("degrees {way} relative to the left one");
         assert!(
             said.contains("turned by about 1.") && said.contains(&right),
             "{way}: {said}"
@@ -1081,7 +1086,7 @@ fn pairs_of_one_picture_or_turned_against_each_other_are_named() {
     }
 }
 
-/// Where views agree in depth whatever the focal length, colours tell it, also in a thorough look.
+/// If depths agree for any focal length, colours must reveal the error, also in a thorough check.
 #[test]
 fn focal_lengths_that_depth_does_not_tell_are_named() {
     let mut wrong = views(0, SIZE);
@@ -1097,8 +1102,8 @@ fn focal_lengths_that_depth_does_not_tell_are_named() {
     }
 }
 
-/// Of a pair whose views differ in focal length, a quick look names both unless the views around them tell which is
-/// wrong.
+/// In a pair whose views differ in focal length, a quick check reports both unless the surrounding
+/// views show which one is wrong.
 #[test]
 fn a_quick_look_blames_no_view_of_an_undecided_pair() {
     let mut wrong = views(0, SIZE);
@@ -1130,7 +1135,7 @@ fn thinned_pictures_are_named() {
             if !has_depth {
                 change(&mut thinned, |content| content.depth = None);
             }
-            // Without depth, few pairs have too few features.
+            // Without depth, the few pairs that a quick check examines have too few features.
             for effort in [THOROUGH, QUICK]
                 .into_iter()
                 .take(1 + usize::from(has_depth))
@@ -1159,7 +1164,7 @@ fn depth_between_two_planes_is_named() {
     }
 }
 
-/// Nearly the same pose, and no other view: the ratio of the focal lengths is all that can be seen.
+/// With two views at nearly the same pose, only the ratio of their focal lengths can be measured.
 #[test]
 fn either_of_two_views_may_be_wrong() {
     let options = SyntheticOptions {

@@ -70,8 +70,8 @@ pub(super) fn scene(seed: u64) -> (World, Rig) {
     scene_of(family(seed), seed, false)
 }
 
-/// The world of a seed with mirrors, glass and water, lit by its sky, and its cameras. It is usually that of [`scene`]
-/// otherwise; rooms take the place of classic scenes.
+/// Like [`scene`], with mirrors, glass and water, and lit by the sky. The rest of the world is
+/// usually the same; rooms replace classic scenes.
 pub(super) fn reflective_scene(seed: u64) -> (World, Rig) {
     let family = match family(seed) {
         Family::Classic => Family::Room,

@@ -131,7 +131,7 @@ fn pictures_are_the_same_on_every_machine() {
     assert_eq!(found, recorded);
 }
 
-/// As above, for thirty reflective scenes together.
+/// A single hash of the pictures of thirty reflective scenes, recorded in the same way.
 #[test]
 fn reflective_pictures_are_the_same_on_every_machine() {
     let all: Vec<String> = (1_000..1_030)

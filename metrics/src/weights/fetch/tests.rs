@@ -1,4 +1,4 @@
-//! Tests of fetching from a server that misbehaves.
+//! Downloads of weights from a misbehaving server.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;

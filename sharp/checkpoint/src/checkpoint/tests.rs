@@ -1,5 +1,5 @@
-//! Files built byte by byte: every layout that a state dict may have, and every false statement
-//! that a file may contain.
+//! Files built byte by byte: every layout that a state dict may have, and every kind of
+//! inconsistency that a file may contain.
 
 use std::borrow::Cow;
 use std::fs;

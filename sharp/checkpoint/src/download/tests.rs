@@ -1,4 +1,4 @@
-//! Tests of fetching from a server that misbehaves.
+//! Downloads from a misbehaving server.
 
 use sharp_tests::unreliable_server::{Answer, Server};
 use tempfile::TempDir;

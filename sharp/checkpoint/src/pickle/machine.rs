@@ -319,7 +319,7 @@ impl<'a> Machine<'a, '_> {
         Ok(())
     }
 
-    /// Handles the creation of an object: none is created, and its class takes its place.
+    /// Replaces the creation of an object: pushes its class, a placeholder, and creates nothing.
     fn object(&mut self, class: Value<'a>) -> Result<(), Fault> {
         if !matches!(class, Value::Foreign(_)) {
             return malformed!("pickle: an object of {}", class.kind());

@@ -83,7 +83,7 @@ fn part_of_weight_gradient(
     let (c, n, pad) = (spec.in_channels, spec.out_channels, spec.padding);
     let width = input.width + 2 * pad;
     let k = rows.len() * width;
-    // The last tap reads this far beyond the last row.
+    // The last tap reads `2 * pad` elements beyond the last row.
     let plane = (rows.len() + 2 * pad) * width + 2 * pad;
     let mut planes = vec![0.0; c * plane];
     for y in 0..rows.len() + 2 * pad {

@@ -1,4 +1,4 @@
-//! Compares convolutions with sums in f64, and whole images with strips.
+//! Compares convolutions with direct sums in f64, and whole images with strips of rows.
 
 use super::*;
 use crate::testing::{noise, relative_error, with_threads};

@@ -266,8 +266,8 @@ mod tests {
     use super::*;
     use crate::testing::noise;
 
-    /// Together, the three transforms are a correlation. Tested in exact arithmetic: with small
-    /// integers scaled by powers of two.
+    /// The three transforms together compute a correlation. The inputs are small integers scaled by
+    /// powers of two, so the test's arithmetic is exact.
     #[test]
     fn the_transforms_are_a_correlation() {
         let d = noise(1, 36);

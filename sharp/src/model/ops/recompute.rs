@@ -117,7 +117,7 @@ where
             return Ok((None, None, None));
         };
         let [a, b, c] = [0, 1, 2].map(|k| ends.get(k).and_then(|end| found.remove(end)));
-        // What remains belongs to variables of the part.
+        // The remaining gradients belong to variables inside the part.
         let mut sums = self.recompute.gradients();
         for id in found.get_ids() {
             if let Some(gradient) = found.get_id(*id) {

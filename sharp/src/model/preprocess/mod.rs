@@ -21,7 +21,8 @@ use super::predictor::{Planes, planes_of};
 use crate::image_file::focal::{Focal, FocalSource, focal_px_from_35mm};
 use crate::image_file::{self, AlphaRule, OrientationRule, PictureRules};
 
-/// Least focal length, in picture widths, that is taken without a warning: a field of view of 136 degrees.
+/// Minimum focal length, in picture widths, that is accepted without a warning: a field of view of
+/// 136 degrees.
 const LEAST_WIDTHS: f64 = 0.2;
 
 #[derive(Debug, Clone, Copy, PartialEq)]

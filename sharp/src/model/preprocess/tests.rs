@@ -122,7 +122,7 @@ fn focal_lengths_that_are_guesses_or_no_lens_has_are_warned_about() {
     assert_eq!(said(&[(FOCAL_35MM, 3, 26), (FOCAL, 5, 42)]), "");
     assert!(said(&[(FOCAL_35MM, 3, 4)]).contains("which no lens has"));
     assert!(said(&[(FOCAL, 5, 42)]).contains("8.4 times"));
-    assert!(said(&[(FOCAL, 5, 420)]).contains("that of 35 mm film"));
+    assert!(said(&[(FOCAL, 5, 420)]).contains("the size of 35 mm film"));
 }
 
 #[test]

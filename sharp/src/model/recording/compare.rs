@@ -17,7 +17,7 @@ pub struct StageComparison {
     /// differ.
     pub rel_error: f64,
     pub values: usize,
-    /// Why nothing was compared; `None` if the stage was compared.
+    /// Reason that the stage was not compared; `None` if it was.
     pub note: Option<String>,
 }
 
@@ -42,8 +42,8 @@ impl RecordingComparison {
     }
 }
 
-/// Its signs are ambiguous, because they depend on the decomposition; covariances are compared
-/// instead.
+/// A stage that is not compared, because the signs of quaternions depend on the decomposition.
+/// Covariances are compared instead.
 const GAUGE: &str = "world.quaternions";
 /// The recording's known depth, an input of the alignment network rather than an output.
 const KNOWN_DEPTH: &str = "alignment.gt_depth";

@@ -26,7 +26,7 @@ fn network() -> TrainableNetwork {
     TrainableNetwork::new(&config(), Compute::cpu(Algorithm::Winograd)).unwrap()
 }
 
-/// Its alignment receives both depth layers.
+/// A network whose alignment receives both depth layers.
 fn both_layers() -> TrainableNetwork {
     let mut config = config();
     config.alignment_input = AlignmentInput::BothLayers;
@@ -175,7 +175,8 @@ fn an_alignment_of_both_layers_depends_on_the_second() {
     assert_ne!(factors(&both_layers(), 0.0), factors(&both_layers(), 0.5));
 }
 
-/// `steps` are along the gradient, small compared with the weights; the better one counts.
+/// Compares the gradient of each module with central differences along it. `steps` are small
+/// compared with the weights; the step that agrees better counts.
 fn assert_central_differences(network: &TrainableNetwork, modules: &[&str], steps: [f64; 2]) {
     let scene = scene();
     let weights = weights(network);

@@ -5,7 +5,7 @@ use crate::gaussians::Gaussians;
 use crate::ply::GaussianScene;
 use crate::ply::write::{comments, srgb};
 
-/// Logarithmic scales are clamped to ± this.
+/// Maximum magnitude of a logarithmic scale; larger ones are clamped.
 const MOST_SCALE: f32 = 20.0;
 
 /// Encodes the scene as a compressed PLY, ordered so that neighbouring Gaussians share a chunk.
@@ -127,8 +127,8 @@ fn packed_rotation(quaternion: [f32; 4]) -> u32 {
     packed
 }
 
-/// Normalised quaternion with its largest component positive, and that component's index. A zero quaternion gives no
-/// rotation.
+/// Normalised quaternion with its largest component positive, and that component's index. A zero quaternion gives the
+/// identity.
 pub(crate) fn unit_quaternion(quaternion: [f32; 4]) -> ([f64; 4], usize) {
     let wide = quaternion.map(f64::from);
     let norm = wide.iter().map(|v| v * v).sum::<f64>().sqrt();

@@ -48,8 +48,8 @@ fn view() -> RenderView {
     RenderView::new(turn, k)
 }
 
-/// Gaussians with equal scales if `round`, else with three different ones. For each reason to drop
-/// a Gaussian, some are dropped.
+/// Gaussians with equal scales if `round`, else with three different ones. They include some that
+/// are dropped, for every possible reason.
 fn scene(count: usize, round: bool) -> Gaussians {
     let mut random = Random(7);
     let mut scene = Gaussians::default();

@@ -85,7 +85,7 @@ fn the_alignment_input_is_the_networks() {
     assert_ne!(both.sha256(), TrainingConfig::default().sha256());
     let first = load("alignment_input = \"first_layer\"\naligned = false").unwrap();
     assert_eq!(first.network, ModelConfig::release());
-    // As before there was this key.
+    // The hash is the same as before this key existed.
     assert_eq!(
         TrainingConfig::default().sha256(),
         "9ec774413cd04b0764a504dd7a101e5faa381d0432ac37cbe5a5967f3de6a503"

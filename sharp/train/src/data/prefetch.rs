@@ -29,7 +29,7 @@ impl<T: Send + 'static> Prefetcher<T> {
         let failed = |e: &dyn std::fmt::Display| DataError::Start(e.to_string());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
         let pool = pool.map_err(|e| failed(&e))?;
-        // While these wait, one more sample is in preparation.
+        // One more sample is prepared while these wait.
         let (sender, made) = sync_channel(ahead.max(1));
         let maker = std::thread::Builder::new()
             .name("training data".to_owned())

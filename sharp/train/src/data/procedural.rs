@@ -22,7 +22,8 @@ pub struct ProceduralSamples {
     worlds: TrainingWorlds,
 }
 
-/// The worlds that training scenes are from. The same sample has the same seed and cameras in both.
+/// The worlds that training scenes are from. A sample has the same seed and cameras with either
+/// choice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrainingWorlds {
     Varied,

@@ -95,9 +95,9 @@ fn the_central_camera_is_the_source_half_of_the_time() {
     assert!(reached.iter().all(|count| *count > 700), "{reached:?}");
 }
 
-/// Of the target's surface points that fall into the source's picture: the share where the source
-/// sees a surface (to 5 % of depth, among the nine pixels around), and the share in front of
-/// everything that the source sees there.
+/// Warps the target's surface points into the source's picture. Of those that fall inside it,
+/// returns two shares: points on a surface that the source sees (to 5 % of depth, among the nine
+/// pixels around), and points in front of everything that the source sees there.
 pub(crate) fn warped(sample: &Sample) -> (f64, f64) {
     let (source, target) = (&sample.source, &sample.target);
     let pose = source.camera_from_world;

@@ -145,7 +145,7 @@ fn gradients_gathered_by_view_are_the_sum_of_every_losss_own() {
     }
 }
 
-/// A step along the gradient changes the total by the gradient's square.
+/// The slope of the total along the gradient's direction is the gradient's length.
 #[test]
 fn the_total_changes_as_its_gradient_says() {
     let (mut pass, sample, _) = pass();

@@ -160,7 +160,7 @@ impl Ordered {
     }
 }
 
-/// Where members come near an α of 1/255.
+/// Pixels at which a member's α is near 1/255.
 struct Seen {
     /// For every pixel, its members and their α before the clamp, front to back.
     at: Vec<Vec<(usize, f64)>>,

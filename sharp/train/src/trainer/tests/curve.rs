@@ -2,11 +2,11 @@ use sharp_kernels::{InstructionSet, Simd};
 
 use super::*;
 
-/// How far values may be from the committed ones, as a fraction of the largest value in their
-/// column; for totals, of the value itself. Some gradients use Candle's matrix products, which sum
-/// in blocks that depend on the processor's caches. Without fused multiply-add, the last bits of
-/// our kernels differ as well. The last bits determine the order in which Gaussians of nearly equal
-/// depth are drawn, as in an untrained network: single steps differ by up to 3e-5 in total.
+/// Tolerance relative to the largest committed value in a column; for totals, relative to the
+/// committed total itself. Some gradients use Candle's matrix products, which sum in blocks that
+/// depend on the processor's caches. Without fused multiply-add, the last bits of our kernels
+/// differ as well. The last bits determine the drawing order of Gaussians of nearly equal depth,
+/// which an untrained network has, so that totals of single steps differ by up to 3e-5.
 const TOLERANCE: f64 = 1e-4;
 /// Tolerance of the second stage, which learns from 8-bit renderings: a difference in the last bit
 /// may become a whole level.

@@ -16,8 +16,8 @@ fn cpu() -> Compute {
     Compute::cpu(Algorithm::Winograd)
 }
 
-/// A training of the tiny network without the perceptual loss: numbers of steps in both stages, and
-/// side of the pictures in pixels.
+/// Trains the tiny network without the perceptual loss, for `steps` steps in each of the two stages;
+/// pictures have a side of `side` pixels.
 fn config(steps: [u64; 2], side: u32) -> TrainingConfig {
     let stage = |steps| StageConfig {
         steps,

@@ -6,11 +6,11 @@ use super::*;
 /// How a training is interrupted.
 #[derive(Clone, Copy, PartialEq)]
 enum Interruption {
-    /// Like a caught signal: before the next step.
+    /// Like a caught signal: stops before the next step.
     Stop(Position),
     /// Like a power cut: the step is in the log, but in no checkpoint.
     Kill(Position),
-    /// By a validation that fails.
+    /// A validation fails.
     Unmeasured(Position),
 }
 
@@ -50,7 +50,8 @@ impl Watcher for Interrupter {
     }
 }
 
-/// The files of a whole training by name, run on this many threads with these interruptions.
+/// Runs a whole training on `threads` threads with the given interruptions; returns its files by
+/// name.
 fn files(threads: usize, interruptions: &[Interruption]) -> BTreeMap<String, Vec<u8>> {
     let mut config = config([4, 3], 48);
     config.intervals.checkpoint = 2;
