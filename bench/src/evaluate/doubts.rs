@@ -7,6 +7,7 @@ use super::picture_agreement::{changed_pictures, repeated_pictures};
 use super::picture_check::is_checked;
 use super::picture_order::misplaced_pictures;
 use super::picture_stamp::stamped_pictures;
+use super::picture_tone::{masked_pictures, toned_pictures};
 use super::record::Record;
 use crate::methods::{TrueDepth, UNUSABLE};
 use crate::pairs::pair_id::source_of;
@@ -139,6 +140,8 @@ pub(super) fn joint_doubts<'a>(
             changed_pictures(records.clone()),
             misplaced_pictures(records.clone()),
             stamped_pictures(records.clone()),
+            toned_pictures(records.clone()),
+            masked_pictures(records.clone()),
             repeated_pictures(records.clone()),
         ]
         .concat(),

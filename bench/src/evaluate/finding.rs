@@ -265,6 +265,10 @@ pub enum ShownCamera {
     OtherAxes,
     /// A camera at the target's pose with the rotation transposed.
     TransposedRotation,
+    /// A camera that moved like the target's but did not turn.
+    NoRotation,
+    /// A camera at the target's pose with one component of the translation reversed: x, y or z.
+    Reversed(u8),
     /// The target's camera with another framing.
     Reframed(Framing),
 }
@@ -286,6 +290,15 @@ impl ShownCamera {
             }
             Self::Reframed(framing) => {
                 return format!("show what the target's camera would see {}", framing.text());
+            }
+            Self::NoRotation => {
+                "what the target's camera would see if it were not turned: apply the rotation of the pose as well"
+            }
+            Self::Reversed(axis) => {
+                let axis = ["x", "y", "z"][usize::from(axis.min(2))];
+                return format!(
+                    "show what the target's pose sees if the {axis} of its translation is reversed: check its sign"
+                );
             }
             Self::SourceIntrinsics => {
                 "the target through the source's intrinsics, whose principal point or focal length differs: render them \
@@ -338,13 +351,28 @@ pub struct Framing {
     /// Shift to the right and down, thousandths of the width. If the epipolar lines are parallel, the component along
     /// them is left out.
     pub shift: [i16; 2],
+    /// OpenCV's coefficient k1 of radial distortion, thousandths.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub lens: i16,
+}
+
+fn is_zero(value: &i16) -> bool {
+    *value == 0
 }
 
 impl Framing {
-    /// Maximum differences in zoom, roll and shift between framings that share a cause.
+    /// Maximum differences in zoom, roll and shift between framings that share a cause; larger for large zooms.
     const UNEVEN: [i16; 3] = [25, 700, 4];
     /// Minimum differences in zoom, roll and shift that count as wrong.
     const LEAST: [i16; 3] = [15, 700, 5];
+    /// Minimum distortion that counts as wrong, and maximum difference of distortions with one cause, or, if larger, a
+    /// quarter of it.
+    const LEAST_LENS: i16 = 40;
+    const UNEVEN_LENS: i16 = 30;
+
+    fn is_distorted(self) -> bool {
+        self.lens.abs() >= Self::LEAST_LENS
+    }
 
     fn is_zoomed(self) -> bool {
         (self.zoom - 1000).abs() >= Self::LEAST[0]
@@ -361,11 +389,14 @@ impl Framing {
 
     /// Factor by which measurements of rotation and shift are less exact in a zoomed picture.
     fn coarser(self) -> i16 {
-        if self.is_zoomed() { 3 } else { 1 }
+        match self.is_zoomed() {
+            true => 3 + (self.zoom - 1000).abs() / 50,
+            false => 1,
+        }
     }
 
     pub fn is_wrong(self) -> bool {
-        self.is_zoomed() || self.is_rolled() || self.is_shifted()
+        self.is_zoomed() || self.is_rolled() || self.is_shifted() || self.is_distorted()
     }
 
     /// Whether this may be a measurement of `other`, whose shift has both components.
@@ -375,7 +406,11 @@ impl Framing {
         let times = self.coarser();
         let [own, all] = [self, other].map(Self::shift_vector);
         let off = own.length() - all.dot(own.normalize_or_zero());
-        near(self.zoom, other.zoom, zoom)
+        near(
+            self.lens,
+            other.lens,
+            Self::UNEVEN_LENS.max(other.lens.abs() / 4),
+        ) && near(self.zoom, other.zoom, zoom + (other.zoom - 1000).abs() / 10)
             && near(self.roll, other.roll, times * roll)
             && off.abs() <= f64::from(times * shift)
     }
@@ -399,6 +434,7 @@ impl Framing {
         Some(Self {
             zoom: middle(|framing| framing.zoom)?,
             roll: middle(|framing| framing.roll)?,
+            lens: middle(|framing| framing.lens)?,
             shift: [shift.x.round() as i16, shift.y.round() as i16],
         })
     }
@@ -410,6 +446,13 @@ impl Framing {
     /// Completes the sentence "what the target's camera would see".
     pub fn text(self) -> String {
         let mut parts = Vec::new();
+        if self.is_distorted() {
+            let k1 = f64::from(self.lens) / 1000.0;
+            parts.push(format!(
+                "through a lens with radial distortion (k1 = {k1:.2}, OpenCV's), as if distortion was left in, or removed \
+                 twice: render them without"
+            ));
+        }
         if self.is_zoomed() {
             let zoom = f64::from(self.zoom) / 1000.0;
             parts.push(format!(

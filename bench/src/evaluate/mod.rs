@@ -50,6 +50,7 @@ mod picture_motion;
 pub(crate) mod picture_order;
 mod picture_placement;
 mod picture_stamp;
+mod picture_tone;
 pub mod pipeline;
 pub mod plan;
 mod predict;

@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::doubts::listed;
 use super::finding::{PictureChange, ShownTarget};
 use super::picture_check::UNLIKE;
+use super::picture_order::{is_resized, reframed_datasets};
 use super::record::{PairFiles, Record, Status};
 
 /// Minimum number of pictures in a dataset, and the share that must agree.
@@ -27,11 +28,16 @@ const UNEVEN: (f64, f64) = (8.0, 0.1);
 const LEAST_SPREAD: i16 = 5;
 
 /// Sentences for each dataset: see [`agreed_changes`].
-pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
+pub(super) fn changed_pictures<'a>(
+    records: impl Iterator<Item = &'a Record> + Clone,
+) -> Vec<String> {
+    let reframed = reframed_datasets(records.clone());
     let mut by_dataset: BTreeMap<&str, Vec<(&str, Option<PictureChange>)>> = BTreeMap::new();
     for record in records.filter(|record| record.status == Status::Ok) {
         let of_dataset = by_dataset.entry(&record.dataset).or_default();
-        of_dataset.push((&record.pair_id, record.change));
+        let is_explained = is_resized(record.change) && reframed.contains(record.dataset.as_str());
+        let change = record.change.filter(|_| !is_explained);
+        of_dataset.push((&record.pair_id, change));
     }
     let told = by_dataset.into_iter();
     told.flat_map(|(dataset, pictures)| agreed_changes(&pictures, &format!("of {dataset}")))

@@ -3,9 +3,9 @@
 //! Wrong depths move the content of a picture only along epipolar lines. Displacements across them are evidence of a
 //! wrong camera or a crop, however poor the prediction is.
 
-use glam::{DMat4, DVec2, DVec3, DVec4};
-use image::RgbImage;
-use image::imageops::thumbnail;
+use glam::{DMat2, DMat4, DVec2, DVec3, DVec4};
+use image::imageops::{sample_bilinear, thumbnail};
+use image::{Rgb, RgbImage};
 use sharp::camera::Intrinsics;
 
 use super::finding::Framing;
@@ -31,22 +31,99 @@ const PRIOR: f64 = 0.05;
 const AGREEING: (f64, f64) = (1.0, 0.6);
 /// The mean distance from the lines must fall by this many pixels, and to this share.
 const GAIN: (f64, f64) = (0.3, 0.5);
+/// The same for a distortion, which hardly moves the middle.
+const GAIN_OF_LENS: (f64, f64) = (0.1, 0.6);
+/// Zoom from which blocks are searched again after undoing it, as a share, and how often at most.
+const RESAMPLED: f64 = 0.01;
+const REPEATED: usize = 4;
+/// Zooms that are undone if too few blocks are found.
+const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
 /// Larger distances count as this one, pixels.
 const MOST: f64 = 3.0;
 
 /// Measures how a picture frames its target; `None` if the framing is correct or cannot be measured. Picture and
 /// target's photograph are shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is
-/// that of the pose that maps from the source's camera to the target's.
+/// that of the pose that maps from the source's camera to the target's. Large zooms, at which hardly any block is found,
+/// are not tried if the content `is_moving` as in the target.
 pub(super) fn shown_framing(
     intrinsics: Intrinsics,
     translation: DVec3,
     [target, shown]: [&RgbImage; 2],
+    is_moving: bool,
 ) -> Option<Framing> {
     let (width, height) = target.dimensions();
     let camera = intrinsics.resized(width, height);
-    let focal = DVec2::new(camera.fx, camera.fy);
-    let middle = DVec2::new(camera.cx, camera.cy);
-    let coarse = [target, shown].map(|p| thumbnail(p, width.div_ceil(2), height.div_ceil(2)));
+    let view = View {
+        focal: DVec2::new(camera.fx, camera.fy),
+        middle: DVec2::new(camera.cx, camera.cy),
+        half: f64::from(width) / 2.0,
+        translation,
+        blocks: blocks_of(target),
+        target,
+    };
+    let mut best = view.measured(shown, 1.0);
+    let as_read = best.fit.filter(|fit| view.is_clear(&best.lines, *fit));
+    if let Some(k1) = view.lens(&best, as_read) {
+        let framing = Framing {
+            zoom: 1000,
+            roll: 0,
+            shift: [0; 2],
+            lens: (1000.0 * k1).round() as i16,
+        };
+        return framing.is_wrong().then_some(framing);
+    }
+    match as_read {
+        Some(_) => {}
+        None if is_moving || view.agrees(&best.lines, DVec4::ZERO) => return None,
+        None => {
+            let found = PRESETS.map(|zoom| view.measured(shown, zoom));
+            best = found.into_iter().max_by_key(|found| found.lines.len())?;
+        }
+    }
+    // Blocks of another size are found badly, so they are searched again at the size that was measured.
+    for _ in 0..REPEATED {
+        let zoom = best.zoom * (1.0 + best.fit?.x / view.half);
+        if (zoom / best.zoom - 1.0).abs() < RESAMPLED {
+            break;
+        }
+        let again = view.measured(shown, zoom);
+        if again.fit.is_none() || again.lines.len() < best.lines.len() {
+            break;
+        }
+        best = again;
+    }
+    let fit = best.fit.filter(|fit| view.agrees(&best.lines, *fit))?;
+    // A displacement in the resampled picture is smaller than in the picture itself by the zoom.
+    let fit = DVec4::new(fit.x + view.half, fit.y, fit.z, fit.w) * best.zoom;
+    view.framing(fit - DVec4::X * view.half)
+}
+
+/// A target and its camera at the shrunk size.
+struct View<'a> {
+    focal: DVec2,
+    middle: DVec2,
+    /// Half the width.
+    half: f64,
+    translation: DVec3,
+    /// Centres of the blocks with contrast.
+    blocks: Vec<DVec2>,
+    target: &'a RgbImage,
+}
+
+/// A block's row of the linear system, whose unknowns are zoom, roll and shift (see [`fitted`]), and its displacement
+/// across its epipolar line, pixels.
+type Line = (DVec4, f64);
+
+/// A measurement of a picture after undoing a zoom.
+struct Measured {
+    zoom: f64,
+    lines: Vec<Line>,
+    /// `None` if too few blocks were found.
+    fit: Option<DVec4>,
+}
+
+fn blocks_of(target: &RgbImage) -> Vec<DVec2> {
+    let (width, height) = target.dimensions();
     let across = |k: u32, of: u32, size: u32| {
         let inner = f64::from(size) - 2.0 * INSET;
         INSET + (f64::from(k) + 0.5) * inner / f64::from(of)
@@ -61,45 +138,123 @@ pub(super) fn shown_framing(
         let has_contrast = patch(target, centre)?.1 >= LEAST_CONTRAST;
         has_contrast.then_some(centre)
     });
-    let blocks: Vec<DVec2> = blocks.collect();
-    let reach = (REACH * f64::from(width) / 2.0) as i32;
-    let half = f64::from(width) / 2.0;
-    let lines = blocks.iter().filter_map(|centre| {
-        // Another depth moves the block's content along this direction.
-        let from_middle = *centre - middle;
-        let along = focal * translation.truncate() - from_middle * translation.z;
-        let beside = along.perp().try_normalize()?;
-        let near = locate([&coarse[0], &coarse[1]], *centre / 2.0, DVec2::ZERO, reach)?;
-        let off = locate([target, shown], *centre, 2.0 * near, REFINED)?;
-        let at = from_middle / half;
-        let row = DVec4::new(beside.dot(at), beside.dot(at.perp()), beside.x, beside.y);
-        Some((row, beside.dot(off)))
-    });
-    let lines: Vec<(DVec4, f64)> = lines.collect();
-    if lines.len() < LEAST_FOUND.0 || (lines.len() as f64) < LEAST_FOUND.1 * blocks.len() as f64 {
-        return None;
+    blocks.collect()
+}
+
+impl View<'_> {
+    /// The blocks of the target that are found in a picture.
+    fn lines(&self, shown: &RgbImage) -> Vec<Line> {
+        let (width, height) = self.target.dimensions();
+        let [target, coarse] =
+            [self.target, shown].map(|p| thumbnail(p, width.div_ceil(2), height.div_ceil(2)));
+        let reach = (REACH * f64::from(width) / 2.0) as i32;
+        let lines = self.blocks.iter().filter_map(|centre| {
+            // Another depth moves the block's content along this direction.
+            let from_middle = *centre - self.middle;
+            let along = self.focal * self.translation.truncate() - from_middle * self.translation.z;
+            let beside = along.perp().try_normalize()?;
+            let near = locate([&target, &coarse], *centre / 2.0, DVec2::ZERO, reach)?;
+            let off = locate([self.target, shown], *centre, (2.0 * near).round(), REFINED)?;
+            let at = from_middle / self.half;
+            let row = DVec4::new(beside.dot(at), beside.dot(at.perp()), beside.x, beside.y);
+            Some((row, beside.dot(off)))
+        });
+        lines.collect()
     }
-    let fit = fitted(&lines)?;
-    let mean = |fit: DVec4| {
-        let off = lines
+
+    /// Measures a picture after undoing a zoom.
+    fn measured(&self, shown: &RgbImage, zoom: f64) -> Measured {
+        let lines = match zoom {
+            1.0 => self.lines(shown),
+            _ => self.lines(&self.resampled(shown, zoom)),
+        };
+        let has_enough = lines.len() >= LEAST_FOUND.0
+            && lines.len() as f64 >= LEAST_FOUND.1 * self.blocks.len() as f64;
+        let fit = has_enough.then(|| fitted(&lines)).flatten();
+        Measured { zoom, lines, fit }
+    }
+
+    /// Whether most blocks agree with a fit.
+    fn agrees(&self, lines: &[Line], fit: DVec4) -> bool {
+        let near = |(row, off): &&Line| (off - row.dot(fit)).abs() <= AGREEING.0;
+        lines.iter().filter(near).count() as f64 >= AGREEING.1 * lines.len() as f64
+    }
+
+    /// Whether a fit explains the blocks, and clearly better than the target's own framing.
+    fn is_clear(&self, lines: &[Line], fit: DVec4) -> bool {
+        let [before, after] = [DVec4::ZERO, fit].map(|fit| off(lines, |row| row.dot(fit)));
+        self.agrees(lines, fit) && is_gain(before, after, GAIN)
+    }
+
+    /// The radial distortion (OpenCV's k1) that explains the blocks clearly better than the target's own camera and than
+    /// the `framing` that explains them.
+    fn lens(&self, measured: &Measured, framing: Option<DVec4>) -> Option<f64> {
+        measured.fit?;
+        let lines = &measured.lines;
+        // A row's first part is the displacement by a zoom, which grows with the cube of the distance here.
+        let by_lens = |row: &DVec4, k1: f64| {
+            let at = DMat2::from_cols(DVec2::new(row.z, row.w), DVec2::new(-row.w, row.z))
+                * DVec2::new(row.x, -row.y)
+                * self.half;
+            k1 * row.x * self.half * (at / self.focal).length_squared()
+        };
+        let mut ratios: Vec<(f64, f64)> = lines
             .iter()
-            .map(|(row, off)| (off - row.dot(fit)).abs().min(MOST));
-        off.sum::<f64>() / lines.len() as f64
-    };
-    let agreeing = lines
+            .map(|(row, off)| (off, by_lens(row, 1.0)))
+            .map(|(off, unit)| (off / unit, unit.abs()))
+            .filter(|(ratio, _)| ratio.is_finite())
+            .collect();
+        ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // Least absolute deviation: the weighted median.
+        let half = ratios.iter().map(|(_, weight)| weight).sum::<f64>() / 2.0;
+        let mut sum = 0.0;
+        let (k1, _) = ratios.into_iter().find(|(_, weight)| {
+            sum += weight;
+            sum >= half
+        })?;
+        let before = off(lines, |_| 0.0);
+        let after = off(lines, |row| by_lens(row, k1));
+        let near = |(row, off): &&Line| (off - by_lens(row, k1)).abs() <= AGREEING.0;
+        let agreeing = lines.iter().filter(near).count() as f64;
+        let is_simpler = framing.is_none_or(|fit| after <= off(lines, |row| row.dot(fit)));
+        let is_found =
+            agreeing >= AGREEING.1 * lines.len() as f64 && is_gain(before, after, GAIN_OF_LENS);
+        (is_found && is_simpler).then_some(k1)
+    }
+
+    fn framing(&self, fit: DVec4) -> Option<Framing> {
+        let thousandths = |v: f64| (1000.0 * v).round() as i16;
+        let framing = Framing {
+            zoom: thousandths(1.0 + fit.x / self.half),
+            roll: thousandths((fit.y / (self.half + fit.x)).atan().to_degrees()),
+            shift: [fit.z, fit.w].map(|v| thousandths(v / (2.0 * self.half))),
+            lens: 0,
+        };
+        framing.is_wrong().then_some(framing)
+    }
+
+    /// The picture at the target's focal length if its own is `zoom` times as long; black outside.
+    fn resampled(&self, shown: &RgbImage, zoom: f64) -> RgbImage {
+        let (width, height) = shown.dimensions();
+        RgbImage::from_fn(width, height, |x, y| {
+            let at = DVec2::new(f64::from(x), f64::from(y)) + 0.5 - self.middle;
+            let at = self.middle + zoom * at;
+            let place = (at / DVec2::new(width.into(), height.into())).as_vec2();
+            sample_bilinear(shown, place.x, place.y).unwrap_or(Rgb([0; 3]))
+        })
+    }
+}
+
+/// Mean distance from the lines after subtracting a displacement, pixels.
+fn off(lines: &[Line], moved: impl Fn(&DVec4) -> f64) -> f64 {
+    let all = lines
         .iter()
-        .filter(|(row, off)| (off - row.dot(fit)).abs() <= AGREEING.0);
-    let [before, after] = [DVec4::ZERO, fit].map(mean);
-    let is_clear = agreeing.count() as f64 >= AGREEING.1 * lines.len() as f64
-        && before - after >= GAIN.0
-        && after <= GAIN.1 * before;
-    let thousandths = |v: f64| (1000.0 * v).round() as i16;
-    let framing = Framing {
-        zoom: thousandths(1.0 + fit.x / half),
-        roll: thousandths((fit.y / half).atan().to_degrees()),
-        shift: [fit.z, fit.w].map(|v| thousandths(v / f64::from(width))),
-    };
-    (is_clear && framing.is_wrong()).then_some(framing)
+        .map(|(row, off)| (off - moved(row)).abs().min(MOST));
+    all.sum::<f64>() / lines.len() as f64
+}
+
+fn is_gain(before: f64, after: f64, (least, share): (f64, f64)) -> bool {
+    before - after >= least && after <= share * before
 }
 
 /// Offset at which a block of the first picture is found in the second one: `start`, or at most `reach` pixels from it
@@ -115,7 +270,18 @@ fn locate([of, shown]: [&RgbImage; 2], centre: DVec2, start: DVec2, reach: i32) 
     let best = all.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let elsewhere = all.iter().filter(|(off, _)| off.distance(best.0) > 2.9);
     let elsewhere = elsewhere.map(|(_, like)| *like).fold(-1.0, f64::max);
-    (best.1 >= FOUND.0 && elsewhere <= best.1 - FOUND.1).then_some(best.0)
+    let like = |by: DVec2| {
+        let near = all.iter().find(|(off, _)| *off == best.0 + by);
+        near.map_or(best.1, |(_, like)| *like)
+    };
+    // The vertex of a parabola through the neighbours.
+    let between = [DVec2::X, DVec2::Y].map(|axis| {
+        let [before, after] = [like(-axis), like(axis)];
+        let curvature = (2.0 * best.1 - before - after).max(1e-6);
+        ((after - before) / (2.0 * curvature)).clamp(-0.5, 0.5)
+    });
+    let is_found = best.1 >= FOUND.0 && elsewhere <= best.1 - FOUND.1;
+    is_found.then_some(best.0 + DVec2::from(between))
 }
 
 /// Fits zoom, roll and shift to distances from the lines by least absolute deviation. Zoom and roll are given as
@@ -157,7 +323,7 @@ mod tests {
                 translation: rotation * own.translation,
             };
             let shown = fast_blur(&view(intrinsics, rolled, plane), 0.5);
-            shown_framing(camera(80.0), own.translation, [&target, &shown])
+            shown_framing(camera(80.0), own.translation, [&target, &shown], false)
         })
     }
 
@@ -172,8 +338,10 @@ mod tests {
             ..right
         };
         for (zoom, roll, shift) in [
+            (0.75, 0.0, [0.0; 2]),
             (0.8, 0.0, [0.0; 2]),
             (1.25, 0.0, [0.0; 2]),
+            (1.33, 0.0, [0.0; 2]),
             (1.06, 0.0, [0.0, 2.0]),
             (1.0, 0.03, [0.0; 2]),
             (1.0, 0.0, [0.0, -3.0]),
@@ -214,6 +382,29 @@ mod tests {
         };
         assert_eq!(told(shifted(4.0, 0.0), 0.0, PLANE)[0], None);
         assert!(told(shifted(0.0, 4.0), 0.0, PLANE)[0].unwrap().shift[1] > 20);
+    }
+
+    #[test]
+    fn a_distortion_left_in_is_measured() {
+        let own = pose(0.03, [0.12, 0.06, 0.02]);
+        let target = view(camera(80.0), own, PLANE);
+        let middle = DVec2::new(80.0, 60.0);
+        for k1 in [-0.2, -0.12, 0.12, 0.2] {
+            let (width, height) = target.dimensions();
+            let distorted = RgbImage::from_fn(width, height, |x, y| {
+                let at = (DVec2::new(x.into(), y.into()) + 0.5 - middle) / 150.0;
+                // Fixed-point iteration of the inverse.
+                let straight = (0..20).fold(at, |off, _| at / (1.0 + k1 * off.length_squared()));
+                let [u, v] = (middle + 150.0 * straight).to_array();
+                let place = [u / f64::from(width), v / f64::from(height)].map(|v| v as f32);
+                sample_bilinear(&target, place[0], place[1]).unwrap_or(Rgb([0; 3]))
+            });
+            let found = shown_framing(camera(80.0), own.translation, [&target, &distorted], true);
+            let found = found.unwrap_or_else(|| panic!("{k1}"));
+            assert_eq!((found.zoom, found.roll, found.shift), (1000, 0, [0; 2]));
+            let off = f64::from(found.lens) / 1000.0 - k1;
+            assert!(off.abs() < 0.02, "{k1}: {found:?}");
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@
 use std::ops::RangeInclusive;
 
 use glam::{DMat3, DVec2, DVec3};
-use image::RgbImage;
+use image::{GenericImageView, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
 
 use super::finding::ShownCamera;
@@ -36,13 +36,23 @@ const LEAST_MOTION: f64 = 3.0;
 const AGREEING: f64 = 0.6;
 const CONTRADICTING: f64 = 0.5;
 const OF_POSE: f64 = 0.5;
+/// Number of misread poses that are tried, including the source's own.
+const CANDIDATES: usize = 10;
+/// Maximum share of the blocks that a multiple of the motion or the source's view explains, relative to an ignored
+/// rotation or a reversed axis.
+const OF_SIMPLER: f64 = 0.75;
 /// Below this percentage of the true motion, the share of the blocks that must agree: blends of the source with a
 /// prediction partly show the source.
 const STILL: (i16, f64) = (20, 0.8);
 /// Minimum rotation at which the inverse pose is distinguished from a negated translation, degrees.
 const LEAST_TURN: f64 = 0.5;
+/// Share of a translation from which it is along one axis.
+const ALONG_AXIS: f64 = 0.97;
 /// Maximum distance from an expected place: pixels, or, if larger, a share of the motion.
 const OFF: (f64, f64) = (1.0, 0.1);
+
+/// Maximum level of black and minimum level of white.
+const MASKED: [u8; 2] = [3, 252];
 
 /// A camera and its pose relative to the source's.
 #[derive(Clone, Copy)]
@@ -56,13 +66,22 @@ impl Camera {
     }
 }
 
-/// Measures a picture's motion: a multiple of the true one ([`ShownCamera::Moved`]) or that of a misread pose. `None` if
-/// it cannot be measured. All pictures are shrunk; `intrinsics` are those of source and target at full size.
+/// What the blocks of a picture show.
+#[derive(Debug)]
+pub(super) struct Shown {
+    /// A multiple of the true motion ([`ShownCamera::Moved`]) or a misread pose; `None` if it cannot be measured.
+    pub(super) camera: Option<ShownCamera>,
+    /// Share of the blocks, all of which source and target show, at whose place the picture is black or white, percent;
+    /// `None` if there are too few blocks.
+    pub(super) masked: Option<u8>,
+}
+
+/// Measures a picture's motion, and how much of it is masked. All pictures are shrunk; `intrinsics` are those of source and target at full size.
 pub(super) fn shown_camera(
     intrinsics: [Intrinsics; 2],
     target_from_source: RigidTransform,
     [source, target, shown]: [&RgbImage; 3],
-) -> Option<ShownCamera> {
+) -> Shown {
     let [from, to] = intrinsics.map(|k| k.resized(target.width(), target.height()));
     let RigidTransform {
         rotation,
@@ -75,11 +94,31 @@ pub(super) fn shown_camera(
     let axes = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
     let flipped = pose(axes * rotation * axes, axes * translation);
     let transposed = pose(rotation.transpose(), translation);
-    let misread = [
+    let unturned = |translation| {
+        (
+            ShownCamera::NoRotation,
+            to,
+            pose(DMat3::IDENTITY, translation),
+        )
+    };
+    let mirrored = |axis: u8| {
+        let mut other = translation;
+        other[usize::from(axis)] *= -1.0;
+        (ShownCamera::Reversed(axis), to, pose(rotation, other))
+    };
+    let misread: [_; CANDIDATES] = [
         (ShownCamera::SourceIntrinsics, from, target_from_source),
         (ShownCamera::InversePose, to, target_from_source.inverse()),
         (ShownCamera::OtherAxes, to, flipped),
         (ShownCamera::TransposedRotation, to, transposed),
+        unturned(translation),
+        // The target's position is right.
+        unturned(rotation.transpose() * translation),
+        mirrored(0),
+        mirrored(1),
+        mirrored(2),
+        // Not a misread pose, but similar to some: the source's view.
+        (ShownCamera::Moved(0), from, RigidTransform::IDENTITY),
     ];
     let search = Search {
         source,
@@ -100,36 +139,67 @@ pub(super) fn shown_camera(
             at(y, GRID[1], source.height()),
         )
     });
-    let blocks: Vec<Block> = centres.filter_map(|centre| search.block(centre)).collect();
+    let mut blocks: Vec<Block> = centres.filter_map(|centre| search.block(centre)).collect();
+    let count = blocks.iter().filter(|block| block.is_masked).count();
+    let masked = (blocks.len() >= FOUND.0).then(|| (100 * count / blocks.len()) as u8);
+    blocks.retain(|block| block.is_moving);
     if blocks.len() < FOUND.0 {
-        return None;
+        return Shown {
+            camera: None,
+            masked,
+        };
     }
-    let poses = misread.iter().enumerate().map(|(k, (cause, ..))| {
+    let shares: [f64; CANDIDATES] = std::array::from_fn(|k| {
         let inside = blocks.iter().filter_map(|block| block.misread[k]);
         let agreeing = inside.clone().filter(|agrees| *agrees).count();
-        (*cause, agreeing as f64 / inside.count().max(FOUND.0) as f64)
+        agreeing as f64 / inside.count().max(FOUND.0) as f64
     });
-    // Without a rotation, inverting the pose only negates the translation.
-    let is_turned = target_from_source.rotation_deg() >= LEAST_TURN;
-    let poses = poses.filter(|(cause, _)| is_turned || *cause != ShownCamera::InversePose);
     let motion = multiple(&blocks).map(|(percent, share)| (ShownCamera::Moved(percent), share));
+    let simple = motion
+        .map_or(0.0, |(_, share)| share)
+        .max(shares[CANDIDATES - 1]);
+    let is_turned = target_from_source.rotation_deg() >= LEAST_TURN;
+    let poses = misread
+        .iter()
+        .zip(shares)
+        .filter(|((cause, ..), share)| match cause {
+            ShownCamera::Moved(_) => false,
+            // Without a rotation, inverting the pose only negates the translation.
+            ShownCamera::InversePose => is_turned,
+            // Similar to the source's view and to multiples of the motion, which have to explain fewer blocks.
+            // With one component only, reversing it negates the translation.
+            ShownCamera::Reversed(axis)
+                if translation[usize::from(*axis)].abs() >= ALONG_AXIS * translation.length() =>
+            {
+                false
+            }
+            ShownCamera::NoRotation | ShownCamera::Reversed(_) => simple <= OF_SIMPLER * share,
+            _ => true,
+        });
+    let poses = poses.map(|((cause, ..), share)| (*cause, share));
     let causes = poses.filter(|(_, share)| *share >= OF_POSE).chain(motion);
-    causes
-        .max_by(|a, b| a.1.total_cmp(&b.1))
-        .map(|(cause, _)| cause)
+    let best = causes.max_by(|a, b| a.1.total_cmp(&b.1));
+    Shown {
+        camera: best.map(|(cause, _)| cause),
+        masked,
+    }
 }
 
 /// A block of the source's photograph with a distinct place in the target's. Places are in steps along its epipolar line.
 struct Block {
     /// Its place in the target's photograph.
     own: f64,
+    /// Whether the true motion is large enough to be compared.
+    is_moving: bool,
     /// Its place in the picture, if it is found there, and whether this contradicts the true motion.
     found: Option<(f64, bool)>,
     /// Its place in the source's photograph, if that is on the line.
     home: Option<f64>,
     /// For each misread pose, whether it explains the picture and the true pose does not; `None` if it projects the
     /// block outside the picture.
-    misread: [Option<bool>; 4],
+    misread: [Option<bool>; CANDIDATES],
+    /// Whether the picture is black or white at the place in the target.
+    is_masked: bool,
 }
 
 struct Search<'a> {
@@ -139,7 +209,7 @@ struct Search<'a> {
     /// The source's.
     camera: Intrinsics,
     own: Camera,
-    misread: [Camera; 4],
+    misread: [Camera; CANDIDATES],
 }
 
 impl Search<'_> {
@@ -166,9 +236,6 @@ impl Search<'_> {
         };
         let reach = (REACH * f64::from(self.target.width())) as i32;
         let (at, _) = best(self.target, 0..=reach, IN_TARGET)?;
-        if f64::from(at) < LEAST_MOTION {
-            return None;
-        }
         let nearby = |place: DVec2| {
             let around = (0..9).map(|k| DVec2::new(f64::from(k % 3 - 1), f64::from(k / 3 - 1)));
             let all = around.filter_map(|by| likeness(self.shown, place + by));
@@ -182,8 +249,10 @@ impl Search<'_> {
         let direction = velocity * step;
         Some(Block {
             own: f64::from(at),
+            is_moving: f64::from(at) >= LEAST_MOTION,
             found: found.map(|(k, like)| (f64::from(k), like - as_true >= LEAST_GAIN)),
             home: (home.perp_dot(direction).abs() <= 1.5).then(|| home.dot(direction)),
+            is_masked: along(at).is_some_and(|place| is_masked(self.shown, place)),
             misread: self.misread.map(|camera| {
                 let like = nearby(camera.place(ray, f64::from(at) * step)?)?;
                 Some(like >= IN_PICTURE.0 && like - as_true >= LEAST_GAIN)
@@ -243,6 +312,25 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
         AGREEING
     };
     (agreeing >= least && is_right).then_some((percent, agreeing))
+}
+
+/// Whether all pixels around a place are black, or all are white.
+fn is_masked(picture: &RgbImage, place: DVec2) -> bool {
+    let [left, top] = [place.x, place.y].map(|v| v.floor() as i64 - HALF);
+    let side = 2 * HALF as u32 + 1;
+    let [Ok(left), Ok(top)] = [left, top].map(u32::try_from) else {
+        return false;
+    };
+    let is_inside = left + side <= picture.width() && top + side <= picture.height();
+    is_inside && {
+        let block = picture.view(left, top, side, side);
+        let is_all = |is: fn(u8) -> bool| {
+            block
+                .pixels()
+                .all(|(.., pixel)| pixel.0.into_iter().all(is))
+        };
+        is_all(|level| level <= MASKED[0]) || is_all(|level| level >= MASKED[1])
+    }
 }
 
 /// Correlation of a block with another place, −1..1; `None` if that is not inside the picture.
@@ -326,7 +414,7 @@ pub(super) mod tests {
     ) -> Option<ShownCamera> {
         let source = view(cameras[0], RigidTransform::IDENTITY, PLANE);
         let target = view(cameras[1], true_pose, PLANE);
-        shown_camera(cameras, true_pose, [&source, &target, shown])
+        shown_camera(cameras, true_pose, [&source, &target, shown]).camera
     }
 
     #[test]
@@ -381,12 +469,57 @@ pub(super) mod tests {
                 cameras[1],
                 read(own.rotation.transpose(), own.translation),
             ),
+            (
+                ShownCamera::NoRotation,
+                cameras[1],
+                read(DMat3::IDENTITY, own.translation),
+            ),
+            (
+                ShownCamera::NoRotation,
+                cameras[1],
+                read(DMat3::IDENTITY, own.rotation.transpose() * own.translation),
+            ),
+            (
+                ShownCamera::Reversed(0),
+                cameras[1],
+                read(own.rotation, own.translation * DVec3::new(-1.0, 1.0, 1.0)),
+            ),
+            (
+                ShownCamera::Reversed(1),
+                cameras[1],
+                read(own.rotation, own.translation * DVec3::new(1.0, -1.0, 1.0)),
+            ),
         ] {
             assert_eq!(
                 told(cameras, own, &view(intrinsics, misread, PLANE)),
                 Some(cause)
             );
         }
+    }
+
+    #[test]
+    fn masked_content_is_counted_and_holes_and_borders_are_not() {
+        let own = pose(0.03, [0.12, 0.06, 0.02]);
+        let cameras = [camera(80.0); 2];
+        let right = view(cameras[1], own, PLANE);
+        let source = view(cameras[0], RigidTransform::IDENTITY, PLANE);
+        let masked = |level: u8, is: fn(u32, u32) -> bool| {
+            let shown = RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| match is(x, y) {
+                true => Rgb([level; 3]),
+                false => *right.get_pixel(x, y),
+            });
+            shown_camera(cameras, own, [&source, &right, &shown])
+                .masked
+                .unwrap()
+        };
+        for level in [0, 255] {
+            let half = masked(level, |_, y| y < 60);
+            assert!((30..60).contains(&half), "{half}");
+        }
+        assert_eq!(masked(90, |_, y| y < 60), 0);
+        // Holes between pixels, and a border that the source does not show.
+        assert_eq!(masked(0, |x, y| (x + y) % 3 == 0), 0);
+        assert_eq!(masked(0, |x, _| x < 6), 0);
     }
 
     #[test]

@@ -15,8 +15,9 @@ use super::finding::{Framing, PictureChange, ShownCamera, ShownTarget};
 use super::gaussians::likeness::Likeness;
 use super::picture_check::shrunk;
 use super::picture_framing::shown_framing;
-use super::picture_motion::shown_camera;
+use super::picture_motion::{Shown, shown_camera};
 use super::picture_stamp::wrong_cells;
+use super::picture_tone::tone;
 use super::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
@@ -99,8 +100,8 @@ impl Thumbnails {
     }
 }
 
-/// Sets [`Record::shows`], [`Record::camera`] and [`Record::wrong_cells`] if the picture is in the sample and covers
-/// the whole target.
+/// Sets [`Record::shows`], [`Record::camera`], [`Record::wrong_cells`], [`Record::tone`] and [`Record::masked`] if the
+/// picture is in the sample and covers the whole target.
 pub(super) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,
@@ -109,6 +110,7 @@ pub(super) fn note_order(
     read: &mut Thumbnails,
 ) {
     (record.shows, record.camera, record.wrong_cells) = (None, None, None);
+    (record.tone, record.masked) = (None, None);
     let others = others.get(&record.pair_id);
     let (Some(others), None) = (others, record.crop) else {
         return;
@@ -118,6 +120,7 @@ pub(super) fn note_order(
     let Some(source) = read.of(planned, planned.source) else {
         return;
     };
+    record.tone = tone([&source, &seen, &shown]);
     let is_other = |other: &ResolvedPair<'_>| {
         let is_own_scene = other.scene.id == planned.scene.id;
         !(is_own_scene && [&planned.source.id, &planned.target.id].contains(&&other.target.id))
@@ -127,14 +130,22 @@ pub(super) fn note_order(
     let views = [planned.source, planned.target];
     let [from, to] = views.map(|view| view.camera_from_world);
     let target_from_source = to.after(&from.inverse());
-    let moved = shown_camera(
+    let Shown {
+        camera: moved,
+        masked,
+    } = shown_camera(
         views.map(|view| view.intrinsics),
         target_from_source,
         [&source, &seen, &shown],
     );
-    let camera = moved.filter(|camera| camera.is_wrong()).or_else(|| {
+    record.masked = masked;
+    // A zoom resembles a reversed motion along the axis.
+    let is_certain =
+        |camera: &ShownCamera| camera.is_wrong() && *camera != ShownCamera::Reversed(2);
+    let camera = moved.filter(is_certain).or_else(|| {
         let translation = target_from_source.translation;
-        let framing = shown_framing(planned.target.intrinsics, translation, [&seen, &shown]);
+        let (intrinsics, both) = (planned.target.intrinsics, [&seen, &shown]);
+        let framing = shown_framing(intrinsics, translation, both, moved.is_some());
         framing.map(ShownCamera::Reframed).or(moved)
     });
     use ShownTarget::{Own, Source, SourceView};
@@ -208,26 +219,34 @@ pub(crate) fn compared_pictures(count: usize) -> BTreeMap<usize, Vec<(ShownTarge
     sampled.map(|at| (at, others(at))).collect()
 }
 
-/// A sentence for each dataset in which the compared pictures agree on a wrong camera, or most show other targets.
-pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    #[derive(Default)]
-    struct OfDataset {
-        shown: BTreeMap<ShownTarget, usize>,
-        cameras: Vec<ShownCamera>,
-        /// Number of pictures, and of those that were cropped or padded and then resized, which are already
-        /// reported.
-        all: usize,
-        resized: usize,
+/// What was found in the pictures of a dataset.
+#[derive(Default)]
+struct OfDataset {
+    shown: BTreeMap<ShownTarget, usize>,
+    cameras: Vec<ShownCamera>,
+    /// Number of pictures, and of those that were cropped or padded and then resized, which are already reported.
+    all: usize,
+    resized: usize,
+}
+
+impl OfDataset {
+    /// The wrong camera on which nearly all measured pictures agree, how many of them do, and the number of these.
+    fn wrong_camera(&self) -> Option<(ShownCamera, usize, usize)> {
+        let mut cameras = self.cameras.clone();
+        if self.resized as f64 >= AGREEING * self.all as f64 {
+            cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
+        }
+        wrong_camera(cameras)
     }
+}
+
+fn by_dataset<'a>(records: impl Iterator<Item = &'a Record>) -> BTreeMap<&'a str, OfDataset> {
     let mut by_dataset: BTreeMap<&str, OfDataset> = BTreeMap::new();
     let mut sources = BTreeSet::new();
     for record in records {
         let found = by_dataset.entry(&record.dataset).or_default();
         found.all += 1;
-        found.resized += usize::from(matches!(
-            record.change,
-            Some(PictureChange::Cropped | PictureChange::Padded)
-        ));
+        found.resized += usize::from(is_resized(record.change));
         if let Some(target) = record.shows {
             *found.shown.entry(target).or_default() += 1;
         }
@@ -237,21 +256,47 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
             matches!(record.camera, Some(ShownCamera::Moved(1..))) && !sources.insert(source);
         found.cameras.extend(record.camera.filter(|_| !is_repeated));
     }
-    let told = by_dataset.into_iter();
-    told.filter_map(|(dataset, found)| {
-        let (mut shown, mut cameras) = (found.shown, found.cameras);
-        if 2 * found.resized >= found.all {
-            cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
-        }
+    by_dataset
+}
+
+/// Whether a picture seems to be cropped or padded and then resized.
+pub(super) fn is_resized(change: Option<PictureChange>) -> bool {
+    matches!(change, Some(PictureChange::Cropped | PictureChange::Padded))
+}
+
+/// The datasets whose pictures agree on another focal length, lens or placement of the camera, which explains why some seem
+/// to be resized.
+pub(super) fn reframed_datasets<'a>(
+    records: impl Iterator<Item = &'a Record>,
+) -> BTreeSet<&'a str> {
+    let all = by_dataset(records).into_iter();
+    let reframed = all.filter(|(_, found)| {
+        let camera = found.wrong_camera().map(|(camera, ..)| camera);
+        matches!(camera, Some(ShownCamera::Reframed(_)))
+    });
+    reframed.map(|(dataset, _)| dataset).collect()
+}
+
+/// A sentence for each dataset in which the compared pictures agree on a wrong camera, or most show other targets.
+pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
+    let told = by_dataset(records).into_iter();
+    told.filter_map(|(dataset, mut found)| {
         let pairs = format!("pairs of {dataset}");
         // If a quarter moved clearly, those that are like the source only have poor depth.
-        let moving = cameras
+        let moving = found
+            .cameras
             .iter()
             .filter(|camera| matches!(camera, ShownCamera::Moved(20..)));
-        if 4 * moving.count() >= shown.values().sum() {
-            shown.remove(&ShownTarget::SourceView);
+        if 4 * moving.count() >= found.shown.values().sum() {
+            found.shown.remove(&ShownTarget::SourceView);
         }
-        wrong_camera(cameras, &pairs).or_else(|| misplaced(&shown, &pairs))
+        match found.wrong_camera() {
+            Some((camera, count, all)) => Some(format!(
+                "its pictures {} ({count} of the {all} {pairs} whose motion could be measured agree)",
+                camera.text()
+            )),
+            None => misplaced(&found.shown, &pairs),
+        }
     })
     .collect()
 }
@@ -278,7 +323,7 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
         return Some(format!(
             "its pictures show {} rather than the target's: {views} of the {all} compared in {pairs} are significantly \
              closer to the source's photograph, as if they were rendered with the source's pose, or with poses of \
-             another unit or axes",
+             another unit or axes, or as if source and target were exchanged in the file names",
             SourceView.text()
         ));
     }
@@ -297,8 +342,8 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     })
 }
 
-/// A sentence if nearly all pictures whose camera could be measured agree on the same wrong one.
-fn wrong_camera(cameras: Vec<ShownCamera>, pairs: &str) -> Option<String> {
+/// The wrong camera on which nearly all of these agree, how many of them do, and their number.
+fn wrong_camera(cameras: Vec<ShownCamera>) -> Option<(ShownCamera, usize, usize)> {
     let all = cameras.len();
     let mut wrong: Vec<ShownCamera> = cameras.into_iter().filter(|c| c.is_wrong()).collect();
     wrong.sort_unstable();
@@ -313,12 +358,7 @@ fn wrong_camera(cameras: Vec<ShownCamera>, pairs: &str) -> Option<String> {
         other => other,
     };
     let count = wrong.iter().filter(|camera| camera.is_like(middle)).count();
-    (count >= FEWEST && count as f64 >= AGREEING * all as f64).then(|| {
-        format!(
-            "its pictures {} ({count} of the {all} {pairs} whose motion could be measured agree)",
-            middle.text()
-        )
-    })
+    (count >= FEWEST && count as f64 >= AGREEING * all as f64).then_some((middle, count, all))
 }
 
 #[cfg(test)]
@@ -422,14 +462,16 @@ mod tests {
 
     #[test]
     fn nearly_all_measured_cameras_have_to_agree() {
-        use ShownCamera::{InversePose, Moved, Reframed};
-        let framed = |zoom, shift| {
+        use ShownCamera::{InversePose, Moved, NoRotation, Reframed, Reversed};
+        let through = |zoom, shift, lens| {
             Reframed(Framing {
                 zoom,
                 roll: 0,
                 shift,
+                lens,
             })
         };
+        let framed = |zoom, shift| through(zoom, shift, 0);
         for (found, parts) in [
             (
                 vec![(Moved(-104), 2), (Moved(-98), 2)],
@@ -446,6 +488,30 @@ mod tests {
             (
                 vec![(framed(801, [2, 0]), 2), (framed(795, [-1, 0]), 3)],
                 ["show", "0.80 times its focal length, ", "5 of the 5"],
+            ),
+            // Large zooms are measured less exactly.
+            (
+                vec![(framed(754, [0, 0]), 3), (framed(774, [-14, 8]), 1)],
+                ["show", "0.75 times its focal length, ", "4 of the 4"],
+            ),
+            (
+                vec![
+                    (through(1000, [0; 2], 104), 3),
+                    (through(1000, [0; 2], 91), 2),
+                ],
+                ["show", "k1 = 0.10", "5 of the 5"],
+            ),
+            (
+                vec![(NoRotation, 3)],
+                ["show", "if it were not turned", "3 of the 3"],
+            ),
+            (
+                vec![(Reversed(1), 4)],
+                [
+                    "show",
+                    "if the y of its translation is reversed",
+                    "4 of the 4",
+                ],
             ),
             (
                 vec![(framed(1000, [12, 0]), 4)],
@@ -473,6 +539,12 @@ mod tests {
             vec![(framed(800, [0, 0]), 3), (framed(900, [0, 0]), 3)],
             vec![(framed(1000, [12, 0]), 3), (framed(1000, [-12, 0]), 3)],
             vec![
+                (through(1000, [0; 2], 100), 3),
+                (through(1000, [0; 2], -100), 3),
+            ],
+            vec![(Reversed(0), 3), (Reversed(1), 3)],
+            vec![(NoRotation, 3), (Moved(100), 3)],
+            vec![
                 (framed(1000, [6, 0]), 2),
                 (framed(1000, [-6, 1]), 2),
                 (framed(1000, [0, 7]), 2),
@@ -482,6 +554,30 @@ mod tests {
         ] {
             assert_eq!(told_of(&proper), None);
         }
+    }
+
+    #[test]
+    fn a_wrong_focal_length_explains_crops_and_a_crop_of_nearly_all_explains_zooms() {
+        let told = |resized: usize| {
+            let framing = Framing {
+                zoom: 1150,
+                roll: 0,
+                shift: [0; 2],
+                lens: 0,
+            };
+            let records: Vec<Record> = (0..8)
+                .map(|k| Record {
+                    source: k.to_string(),
+                    shows: Some(ShownTarget::Own),
+                    camera: Some(ShownCamera::Reframed(framing)),
+                    change: (k < resized).then_some(PictureChange::Cropped),
+                    ..record()
+                })
+                .collect();
+            let said = misplaced_pictures(records.iter()).len();
+            (said, reframed_datasets(records.iter()).len())
+        };
+        assert_eq!([told(0), told(5), told(7)], [(1, 1), (1, 1), (0, 0)]);
     }
 
     #[test]

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::finding::{PictureChange, ShownCamera, ShownTarget};
 use super::picture_stamp::Cell;
+use super::picture_tone::Tone;
 use crate::scoring::Region;
 
 /// Outcome of a unit.
@@ -114,6 +115,13 @@ pub struct Record {
     /// Cells of a grid in which the stored picture differs from its target; `None` if they were not compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wrong_cells: Option<Vec<Cell>>,
+    /// Levels of the stored picture, its target and its source; `None` if they were not compared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tone: Option<Tone>,
+    /// Share of the content common to source and target at whose place the stored picture is black or white, percent;
+    /// `None` if too little content was found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub masked: Option<u8>,
     /// A note on the rendering rule of the Gaussians, if it was stated neither by the file nor by
     /// the user.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -341,6 +349,8 @@ pub(super) mod tests {
             shows: None,
             camera: None,
             wrong_cells: None,
+            tone: None,
+            masked: None,
             rule_note: None,
         }
     }

@@ -55,6 +55,8 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         shows: None,
         camera: None,
         wrong_cells: None,
+        tone: None,
+        masked: None,
         rule_note: None,
     }
 }

@@ -253,6 +253,8 @@ mod tests {
             shows: None,
             camera: None,
             wrong_cells: None,
+            tone: None,
+            masked: None,
             rule_note: None,
         };
         let score = StoredScore {

@@ -226,7 +226,7 @@ version = \"0.3.7\"
     ];
 
     /// Files in those folders that affect no result: they plan, store, name or describe results, or measure time.
-    const UNDECIDING: [&str; 55] = [
+    const UNDECIDING: [&str; 56] = [
         "bench/src/evaluate/aggregation.rs",
         "bench/src/evaluate/bundle.rs",
         "bench/src/evaluate/differences.rs",
@@ -249,6 +249,7 @@ version = \"0.3.7\"
         "bench/src/evaluate/picture_order.rs",
         "bench/src/evaluate/picture_placement.rs",
         "bench/src/evaluate/picture_stamp.rs",
+        "bench/src/evaluate/picture_tone.rs",
         "bench/src/evaluate/pipeline.rs",
         "bench/src/evaluate/plan.rs",
         "bench/src/evaluate/predict.rs",

@@ -1,0 +1,546 @@
+//! Detects an exposure, white balance or tone curve that all pictures of a dataset have and their targets do not, and
+//! darker corners.
+//!
+//! Sorted levels are compared, which depend neither on places nor, in reduced pictures, on noise and blur. Methods that
+//! reproduce levels badly do so in each picture differently; only one curve for nearly all of them is evidence.
+
+use std::collections::BTreeMap;
+
+use image::RgbImage;
+use image::imageops::thumbnail;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::record::{Record, Status};
+
+/// Number of cells across and down.
+const GRID: [u32; 2] = [32, 24];
+/// Quantiles that are compared, percent.
+const QUANTILES: [usize; 5] = [10, 30, 50, 70, 90];
+/// Pixels up to the first level are black; cells with any are skipped as holes unless the target's mean is below the
+/// second. At least this share of the cells must be left.
+const BLACK: (u8, u8) = (3, 20);
+const LEAST_CELLS: f64 = 0.5;
+/// Levels outside this range may be clipped.
+const UNCLIPPED: std::ops::RangeInclusive<u8> = 12..=247;
+/// Minimum number of pictures, and the share whose error a curve must halve.
+const AGREEING: (usize, f64) = (3, 0.8);
+/// Minimum root mean square difference from the targets' levels.
+const LEAST_OFF: f64 = 8.0;
+/// Maximum squared error of a curve, relative to that without it.
+const EXPLAINED: f64 = 0.25;
+/// A curve with more parameters must have a squared error lower by this factor.
+const BETTER: f64 = 0.6;
+/// Minimum share of the pictures that follow other exposures of their sources.
+const FOLLOWING: f64 = 0.4;
+/// Minimum ratio of two channels' gains that is a white balance.
+const OF_BALANCE: f64 = 1.06;
+/// Squared distances from the middle, relative to the corners', that count as middle, between and corner.
+const RINGS: [(f64, f64); 3] = [(0.0, 0.12), (0.3, 0.5), (0.65, 1.0)];
+/// Minimum darkening of the corners, and its maximum difference from that of the other pictures, as logarithms. The
+/// places between must have these shares of it.
+const CORNERS: (f64, f64) = (0.16, 0.12);
+const BETWEEN: (f64, f64) = (0.15, 0.85);
+
+/// Minimum share of the content that is black or white, percent, and the share of the pictures that must have it. Holes
+/// of predictions are where the source shows nothing.
+const MASKED: (u8, f64) = (5, 0.5);
+
+/// Levels of a picture, its target and its source at [`QUANTILES`], by channel.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Tone {
+    picture: [[u8; 5]; 3],
+    target: [[u8; 5]; 3],
+    source: [[u8; 5]; 3],
+    /// Logarithm of the picture's brightness relative to the target's in the corners and between, minus that in the
+    /// middle, thousandths.
+    corners: Option<[i16; 2]>,
+}
+
+/// Measures a picture's tone; all pictures are shrunk. `None` if too much of it is black.
+pub(super) fn tone([source, target, shown]: [&RgbImage; 3]) -> Option<Tone> {
+    let reduced = |of: &RgbImage| thumbnail(of, GRID[0], GRID[1]);
+    let [source, seen, own] = [source, target, shown].map(reduced);
+    let (width, height) = shown.dimensions();
+    let mut is_hole = vec![false; own.pixels().len()];
+    for (x, y, pixel) in shown.enumerate_pixels() {
+        let (x, y) = (x * GRID[0] / width, y * GRID[1] / height);
+        let is_dark = seen.get_pixel(x, y).0.iter().all(|level| *level <= BLACK.1);
+        is_hole[(y * GRID[0] + x) as usize] |=
+            !is_dark && pixel.0.iter().all(|level| *level <= BLACK.0);
+    }
+    let cells = is_hole.iter().enumerate().filter(|(_, is)| !**is);
+    let cells: Vec<u32> = cells.map(|(cell, _)| cell as u32).collect();
+    if (cells.len() as f64) < LEAST_CELLS * is_hole.len() as f64 {
+        return None;
+    }
+    let levels = |of: &RgbImage| {
+        std::array::from_fn(|channel| {
+            let of_cell = |cell: &u32| of.get_pixel(cell % GRID[0], cell / GRID[0]).0[channel];
+            let mut levels: Vec<u8> = cells.iter().map(of_cell).collect();
+            levels.sort_unstable();
+            QUANTILES.map(|percent| levels[(levels.len() - 1) * percent / 100])
+        })
+    };
+    Some(Tone {
+        picture: levels(&own),
+        target: levels(&seen),
+        source: levels(&source),
+        corners: corners(&cells, &seen, &own),
+    })
+}
+
+/// See [`Tone::corners`]; `None` if one of the rings has too few cells that are not black.
+fn corners(cells: &[u32], seen: &RgbImage, own: &RgbImage) -> Option<[i16; 2]> {
+    let mut rings: [Vec<f64>; 3] = Default::default();
+    for cell in cells {
+        let (x, y) = (cell % GRID[0], cell / GRID[0]);
+        let from_middle = |at: u32, of: u32| 2.0 * (f64::from(at) + 0.5) / f64::from(of) - 1.0;
+        let squares = [from_middle(x, GRID[0]), from_middle(y, GRID[1])].map(|v| v * v);
+        let off = (squares[0] + squares[1]) / 2.0;
+        let [seen, own] = [seen, own].map(|of| {
+            let sum: f64 = of.get_pixel(x, y).0.iter().map(|v| f64::from(*v)).sum();
+            sum.max(3.0).ln()
+        });
+        for (ring, (from, to)) in rings.iter_mut().zip(RINGS) {
+            if (from..to).contains(&off) {
+                ring.push(own - seen);
+            }
+        }
+    }
+    let [middle, between, corner] = rings.map(|mut ring| {
+        ring.sort_by(f64::total_cmp);
+        (ring.len() >= 24).then(|| ring[ring.len() / 2])
+    });
+    let middle = middle?;
+    let thousandths = |v: f64| (1000.0 * (v - middle)).round() as i16;
+    Some([thousandths(corner?), thousandths(between?)])
+}
+
+/// A curve from a photograph's levels, 0..1, to a picture's.
+#[derive(Debug, Clone, Copy)]
+enum Curve {
+    /// A power, multiplied by a factor per channel.
+    Power { gains: [f64; 3], gamma: f64 },
+    /// Linear light x becomes x / (1 + x).
+    Reinhard,
+}
+
+impl Curve {
+    const AS_READ: Self = Self::Power {
+        gains: [1.0; 3],
+        gamma: 1.0,
+    };
+
+    fn of(self, channel: usize, level: f64) -> f64 {
+        match self {
+            Self::Power { gains, gamma } => gains[channel] * level.powf(gamma),
+            Self::Reinhard => {
+                let light = sharp::color::linear_from_srgb(level as f32);
+                f64::from(sharp::color::srgb_from_linear(light / (1.0 + light)))
+            }
+        }
+    }
+
+    /// Completes the sentence "its pictures".
+    fn text(self) -> String {
+        let Self::Power { gains, gamma } = self else {
+            return "look as if they were tone mapped: with x / (1 + x) of linear light (Reinhard), the photographs' \
+                    levels become theirs; store them without tone mapping"
+                .to_owned();
+        };
+        let [red, green, blue] = gains;
+        let most = red.max(green).max(blue);
+        let is_balance = most / red.min(green).min(blue) >= OF_BALANCE;
+        if gamma != 1.0 {
+            let times = match is_balance {
+                true => format!("{red:.2}, {green:.2} and {blue:.2} (red, green and blue) times "),
+                false if (green - 1.0).abs() >= OF_BALANCE - 1.0 => format!("{green:.2} times "),
+                false => String::new(),
+            };
+            return format!(
+                "look as if they had another tone curve: their levels are {times}the photographs' (0 to 1) to the power \
+                 of {gamma:.2}, as tone mapping or another gamma leaves; store them in sRGB, without tone mapping"
+            );
+        }
+        match is_balance {
+            true => format!(
+                "have {red:.2}, {green:.2} and {blue:.2} times the red, green and blue of the photographs, as another white \
+                 balance leaves; store them without it"
+            ),
+            false if most < 1.0 => format!(
+                "have {green:.2} times the levels of the photographs, as another exposure leaves, or colours that were \
+                 multiplied by alpha; store them without it"
+            ),
+            false => format!(
+                "have {green:.2} times the levels of the photographs, as another exposure leaves; store them without it"
+            ),
+        }
+    }
+}
+
+/// Levels of a photograph and of a picture, and their channel.
+type Pair = (usize, f64, f64);
+
+fn pairs(from: &[[u8; 5]; 3], to: &[[u8; 5]; 3]) -> Vec<Pair> {
+    let all = (0..3).flat_map(|channel| (0..5).map(move |k| (channel, k)));
+    let levels = all.map(|(channel, k)| (channel, from[channel][k], to[channel][k]));
+    let whole = levels.filter(|(_, from, to)| UNCLIPPED.contains(from) && UNCLIPPED.contains(to));
+    whole
+        .map(|(channel, from, to)| (channel, f64::from(from) / 255.0, f64::from(to) / 255.0))
+        .collect()
+}
+
+/// Sum of squared differences.
+fn error(pairs: &[Pair], curve: Curve) -> f64 {
+    let off = |(channel, from, to): &Pair| (curve.of(*channel, *from) - to).powi(2);
+    pairs.iter().map(off).sum()
+}
+
+/// Sum of squared differences from the line that fits best.
+fn error_of_line(pairs: &[Pair]) -> f64 {
+    let count = pairs.len().max(1) as f64;
+    let mean = |of: fn(&Pair) -> f64| pairs.iter().map(of).sum::<f64>() / count;
+    let (x, y) = (mean(|pair| pair.1), mean(|pair| pair.2));
+    let sum =
+        |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|p| of(p.1 - x, p.2 - y)).sum::<f64>();
+    let slope = sum(&|x, y| x * y) / sum(&|x, _| x * x).max(1e-9);
+    sum(&|x, y| (y - slope * x).powi(2))
+}
+
+/// The curve with the fewest parameters that explains the pairs, if any does.
+fn explaining(pairs: &[Pair]) -> Option<Curve> {
+    let logarithms = pairs
+        .iter()
+        .map(|(channel, from, to)| (*channel, from.ln(), to.ln()));
+    let mean = |of: fn((usize, f64, f64)) -> f64, channel: usize| {
+        let own = logarithms.clone().filter(|pair| pair.0 == channel).map(of);
+        let count = own.clone().count().max(1) as f64;
+        own.sum::<f64>() / count
+    };
+    let means: [[f64; 2]; 3] = std::array::from_fn(|c| [mean(|p| p.1, c), mean(|p| p.2, c)]);
+    let slope = |centres: [[f64; 2]; 3]| {
+        let centred = logarithms
+            .clone()
+            .map(|(c, x, y)| (x - centres[c][0], y - centres[c][1]));
+        let [xy, xx] = centred.fold([0.0, 1e-9], |[xy, xx], (x, y)| [xy + x * y, xx + x * x]);
+        xy / xx
+    };
+    let power = |gamma: f64, gains: [f64; 3]| Curve::Power { gains, gamma };
+    let gains = |gamma: f64| means.map(|[x, y]| (y - gamma * x).exp());
+    let factor = means.iter().map(|[x, y]| y - x).sum::<f64>() / 3.0;
+    let own = slope(means);
+    let curves = [
+        Curve::AS_READ,
+        Curve::Reinhard,
+        power(1.0, [factor.exp(); 3]),
+        power(slope([[0.0; 2]; 3]), [1.0; 3]),
+        power(1.0, gains(1.0)),
+        power(own, gains(own)),
+    ];
+    // Methods that blur or hesitate lose contrast, which is a line.
+    let line = error_of_line(pairs);
+    let is_told = |curve: &Curve| match curve {
+        Curve::Power { gamma, .. } if *gamma != 1.0 => error(pairs, *curve) <= BETTER * line,
+        _ => true,
+    };
+    let best = curves.into_iter().filter(is_told).reduce(|best, curve| {
+        match error(pairs, curve) < BETTER * error(pairs, best) {
+            true => curve,
+            false => best,
+        }
+    })?;
+    let before = error(pairs, Curve::AS_READ);
+    let off = 255.0 * (before / pairs.len().max(1) as f64).sqrt();
+    (off >= LEAST_OFF && error(pairs, best) <= EXPLAINED * before).then_some(best)
+}
+
+/// A sentence for each dataset whose pictures have one curve or dark corners in common.
+pub(super) fn toned_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
+    let mut by_dataset: BTreeMap<&str, Vec<(&Record, &Tone)>> = BTreeMap::new();
+    for record in records.filter(|record| record.status == Status::Ok) {
+        if let Some(tone) = &record.tone {
+            let of_dataset = by_dataset.entry(&record.dataset).or_default();
+            of_dataset.push((record, tone));
+        }
+    }
+    let told = by_dataset.into_iter().filter(|(_, pictures)| {
+        // Another change explains their levels.
+        let changed = pictures
+            .iter()
+            .filter(|(record, _)| record.change.is_some());
+        pictures.len() >= AGREEING.0 && 2 * changed.count() < pictures.len()
+    });
+    told.filter_map(|(dataset, pictures)| {
+        let tones: Vec<&Tone> = pictures.iter().map(|(_, tone)| *tone).collect();
+        let told = dark_corners(&tones, dataset).or_else(|| common_curve(&tones, dataset));
+        told.or_else(|| exposures_of_sources(&tones, dataset))
+    })
+    .collect()
+}
+
+/// A sentence for each dataset most of whose pictures are black or white where source and target show content.
+pub(super) fn masked_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
+    let mut by_dataset: BTreeMap<&str, Vec<u8>> = BTreeMap::new();
+    for record in records.filter(|record| record.status == Status::Ok) {
+        if let Some(masked) = record.masked {
+            by_dataset.entry(&record.dataset).or_default().push(masked);
+        }
+    }
+    let told = by_dataset.into_iter().filter_map(|(dataset, mut shares)| {
+        shares.sort_unstable();
+        let (all, median) = (shares.len(), *shares.get(shares.len() / 2)?);
+        let count = shares.iter().filter(|share| **share >= MASKED.0).count();
+        let is_found = count >= AGREEING.0 && count as f64 >= MASKED.1 * all as f64;
+        is_found.then(|| {
+            format!(
+                "its pictures are black or white in places that both source and target show: {median} % of them in the \
+                 median, in {count} of the {all} compared pairs of {dataset}, as a masked background leaves; store the \
+                 pictures without a mask, and render the background as well"
+            )
+        })
+    });
+    told.collect()
+}
+
+/// How many pictures a curve explains.
+fn explained(of: &[Vec<Pair>], curve: Curve) -> usize {
+    let is_explained =
+        |pairs: &&Vec<Pair>| 2.0 * error(pairs, curve) <= error(pairs, Curve::AS_READ);
+    of.iter().filter(is_explained).count()
+}
+
+fn common_curve(tones: &[&Tone], dataset: &str) -> Option<String> {
+    let is_most = |count: usize| count as f64 >= AGREEING.1 * tones.len() as f64;
+    let by_picture = |of: fn(&Tone) -> &[[u8; 5]; 3]| -> Vec<Vec<Pair>> {
+        tones
+            .iter()
+            .map(|tone| pairs(&tone.target, of(tone)))
+            .collect()
+    };
+    let [pictures, sources] = [
+        by_picture(|tone| &tone.picture),
+        by_picture(|tone| &tone.source),
+    ];
+    let curve = explaining(&pictures.concat())?;
+    let count = explained(&pictures, curve);
+    let all = tones.len();
+    is_most(count).then(|| match is_most(explained(&sources, curve)) {
+        true => format!(
+            "its pictures {} ({count} of the {all} compared in pairs of {dataset}); so do the sources, so the dataset's \
+             photographs differ in exposure or white balance, and the predictions are not to blame",
+            curve.text()
+        ),
+        false => format!(
+            "its pictures {} ({count} of the {all} compared in pairs of {dataset} agree, and the sources do not)",
+            curve.text()
+        ),
+    })
+}
+
+/// A sentence if many sources and targets differ in exposure, each pair by another factor, and the pictures follow their
+/// sources.
+fn exposures_of_sources(tones: &[&Tone], dataset: &str) -> Option<String> {
+    let following = tones.iter().filter(|tone| {
+        let curve = explaining(&pairs(&tone.target, &tone.source));
+        curve.is_some_and(|curve| explained(&[pairs(&tone.target, &tone.picture)], curve) == 1)
+    });
+    let (count, all) = (following.count(), tones.len());
+    (count >= AGREEING.0 && count as f64 >= FOLLOWING * all as f64).then(|| {
+        format!(
+            "its pictures have the exposure or white balance of their sources, which differs from the targets' in {count} of \
+             the {all} compared pairs of {dataset}; use photographs of one exposure, or compare \
+             scores only with those of other methods on the same pairs"
+        )
+    })
+}
+
+fn dark_corners(tones: &[&Tone], dataset: &str) -> Option<String> {
+    let measured = tones
+        .iter()
+        .filter_map(|tone| Some(tone.corners?.map(|v| f64::from(v) / 1000.0)));
+    let measured: Vec<[f64; 2]> = measured.collect();
+    let mut corners: Vec<f64> = measured.iter().map(|rings| rings[0]).collect();
+    corners.sort_by(f64::total_cmp);
+    let middle = *corners.get(corners.len() / 2)?;
+    let agreeing = measured.iter().filter(|[corner, between]| {
+        (corner - middle).abs() <= CORNERS.1.max(0.3 * middle.abs())
+            && *between <= BETWEEN.0 * corner
+            && *between >= BETWEEN.1 * corner
+    });
+    let (count, all) = (agreeing.count(), tones.len());
+    let is_found =
+        middle <= -CORNERS.0 && count >= AGREEING.0 && count as f64 >= AGREEING.1 * all as f64;
+    is_found.then(|| {
+        format!(
+            "its pictures have corners that are {:.0} % darker, compared with their middle, than those of the photographs \
+             ({count} of the {all} compared in pairs of {dataset} agree), as vignetting leaves, or colours multiplied by an \
+             alpha that falls off; store them without it",
+            100.0 * (1.0 - middle.exp())
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+    use image::imageops::fast_blur;
+
+    use super::super::record::tests::record;
+    use super::*;
+
+    const SIZE: (u32, u32) = (160, 120);
+
+    /// A photograph of waves in several colours, moved by `by`.
+    fn photograph(view: u32, by: f64) -> RgbImage {
+        RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
+            let (u, v) = (f64::from(x) + by, f64::from(y) + f64::from(view * 17));
+            let wave = |phase: f64| (u / 9.0 + phase).sin() + (v / 13.0 + 2.0 * phase).cos();
+            Rgb([0.0, 1.0, 2.5].map(|phase| (125.0 + 50.0 * wave(phase + u / 70.0)) as u8))
+        })
+    }
+
+    type Change = dyn Fn(u32, u32, u32, [f64; 3]) -> [f64; 3];
+
+    /// What is said of six predictions with some parallax and blur, whose colours (0..1) are changed by view and place.
+    fn told(sources: &Change, change: &Change) -> Vec<String> {
+        let changed = |of: &RgbImage, view: u32, change: &Change| {
+            RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
+                let color = of.get_pixel(x, y).0.map(|level| f64::from(level) / 255.0);
+                Rgb(change(view, x, y, color).map(|v| (255.0 * v).round() as u8))
+            })
+        };
+        let records: Vec<Record> = (0..6)
+            .map(|view| {
+                let target = photograph(view, 0.0);
+                let source = changed(&photograph(view, 12.0), view, sources);
+                let predicted = fast_blur(&photograph(view, 2.0), 1.0);
+                let shown = changed(&predicted, view, change);
+                Record {
+                    target: view.to_string(),
+                    status: Status::Ok,
+                    tone: tone([&source, &target, &shown]),
+                    ..record()
+                }
+            })
+            .collect();
+        toned_pictures(records.iter())
+    }
+
+    const AS_READ: &Change = &|_, _, _, color| color;
+
+    /// Squared distance from the middle, 0..1 in the corners.
+    fn off(x: u32, y: u32) -> f64 {
+        let [x, y] = [f64::from(x) / 80.0 - 1.0, f64::from(y) / 60.0 - 1.0];
+        (x * x + y * y) / 2.0
+    }
+
+    #[test]
+    fn curves_of_all_pictures_are_told() {
+        let reinhard = |v: f64| {
+            let light = sharp::color::linear_from_srgb(v as f32);
+            f64::from(sharp::color::srgb_from_linear(light / (1.0 + light)))
+        };
+        let cases: [(&str, f64, &Change); 7] = [
+            ("another exposure", 0.7, &|_, _, _, color| {
+                color.map(|v| 0.7 * v)
+            }),
+            ("another exposure", 1.2, &|_, _, _, color| {
+                color.map(|v| 1.2 * v)
+            }),
+            ("white balance", 0.75, &|_, _, _, [r, g, b]| {
+                [1.15 * r, g, 0.75 * b]
+            }),
+            ("another gamma", 0.6, &|_, _, _, color| {
+                color.map(|v| v.powf(0.6))
+            }),
+            ("another gamma", 1.5, &|_, _, _, color| {
+                color.map(|v| v.powf(1.5))
+            }),
+            ("Reinhard", 1.0, &move |_, _, _, color| color.map(reinhard)),
+            // The medians of the rings are at 0.76 and 0.06: (1 - 0.45 * 0.76) / (1 - 0.45 * 0.06) = 1 - 0.32.
+            ("vignetting", 32.0, &|_, x, y, color| {
+                color.map(|v| v * (1.0 - 0.45 * off(x, y)))
+            }),
+        ];
+        for (cause, measured, change) in cases {
+            let said = told(AS_READ, change);
+            assert!(
+                said.len() == 1 && said[0].contains(cause),
+                "{cause}: {said:?}"
+            );
+            let words = said[0].split(|c: char| c != '.' && !c.is_ascii_digit());
+            let mut numbers =
+                words.filter_map(|word| word.trim_end_matches('.').parse::<f64>().ok());
+            assert!(
+                numbers.any(|number| (number / measured - 1.0).abs() <= 0.1),
+                "{cause} {measured}: {said:?}"
+            );
+        }
+        let varied: &Change =
+            &|view, _, _, color| color.map(|v| v * [0.7, 0.6, 0.8, 1.0, 1.0, 0.65][view as usize]);
+        let said = told(varied, varied);
+        assert!(
+            said.len() == 1 && said[0].contains("in 4 of the 6"),
+            "{said:?}"
+        );
+        assert_eq!(told(varied, AS_READ), Vec::<String>::new());
+        let darker: &Change = &|_, _, _, color| color.map(|v| 0.7 * v);
+        assert!(told(AS_READ, darker)[0].contains("the sources do not"));
+        assert!(told(darker, darker)[0].contains("photographs differ in exposure"));
+    }
+
+    #[test]
+    fn proper_and_poor_predictions_are_not() {
+        let proper: [(&str, &Change); 9] = [
+            ("proper", AS_READ),
+            ("slightly dim", &|_, _, _, color| color.map(|v| 0.96 * v)),
+            ("pale", &|_, _, _, color| {
+                color.map(|v| 0.5 + 0.85 * (v - 0.5))
+            }),
+            ("paler", &|_, _, _, color| {
+                color.map(|v| 0.4 + 0.7 * (v - 0.4))
+            }),
+            ("other exposures", &|view, _, _, color| {
+                color.map(|v| v * [0.8, 1.2, 0.9, 1.1, 1.0, 0.85][view as usize])
+            }),
+            ("other tints", &|view, _, _, [r, g, b]| match view % 2 {
+                0 => [0.85 * r, g, 1.1 * b],
+                _ => [1.1 * r, g, 0.85 * b],
+            }),
+            ("holes at one side", &|_, x, _, color| {
+                if x > 125 { [0.0; 3] } else { color }
+            }),
+            (
+                "holes on all sides",
+                &|_, x, y, color| match off(x, y) > 0.5 {
+                    true => [0.0; 3],
+                    false => color,
+                },
+            ),
+            ("unfinished side", &|_, x, _, color| {
+                if x > 130 { [0.3; 3] } else { color }
+            }),
+        ];
+        for (what, change) in proper {
+            assert_eq!(told(AS_READ, change), Vec::<String>::new(), "{what}");
+        }
+    }
+
+    #[test]
+    fn masks_of_nearly_all_pictures_are_told() {
+        let told = |shares: [u8; 5]| {
+            let of = |masked| Record {
+                status: Status::Ok,
+                masked: Some(masked),
+                ..record()
+            };
+            masked_pictures(shares.map(of).iter())
+        };
+        assert!(told([30, 40, 35, 25, 20])[0].contains("30 % of them"));
+        assert!(told([30, 40, 35, 25, 0])[0].contains("4 of the 5"));
+        for proper in [[0; 5], [4; 5], [60, 50, 4, 0, 3]] {
+            assert_eq!(told(proper), Vec::<String>::new());
+        }
+    }
+}
