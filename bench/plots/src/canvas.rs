@@ -5,7 +5,6 @@ use image::RgbImage;
 use super::ink::Ink;
 use super::text::{self, Weight};
 
-/// Anchor of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
     Start,
@@ -84,7 +83,6 @@ impl Surface {
         }
     }
 
-    /// Adds the shapes of another drawing.
     pub(super) fn extend(&mut self, other: Self) {
         self.0.extend(other.0);
     }

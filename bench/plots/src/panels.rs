@@ -265,7 +265,6 @@ impl PanelLayout {
         2.0 * MARGIN + self.columns as f64 * (LEFT + self.panel.0 + RIGHT)
     }
 
-    /// Height of the title.
     fn title_row(&self) -> f64 {
         match self.title.is_empty() {
             true => 0.0,
@@ -460,7 +459,6 @@ fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64)
     surface.text(&label, (x.from - 8.0, foot - 2.0), small);
 }
 
-/// Height of a legend row.
 fn legend_row(row: &[LegendEntry]) -> f64 {
     let lines = row.iter().map(|entry| entry.label.len()).max();
     lines.unwrap_or(1).max(1) as f64 * LEGEND_LINE + LEGEND_GAP

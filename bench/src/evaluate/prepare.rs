@@ -52,7 +52,6 @@ pub struct Request {
     pub scoring: Scoring,
     /// Whether to score all methods of a pair on the region that all of them predict.
     pub common_region: bool,
-    /// How tables average scores.
     pub aggregation: Aggregation,
     /// The protocol that the run follows, for the record.
     pub protocol: Option<ProtocolRecord>,
@@ -92,7 +91,6 @@ impl Request {
     }
 }
 
-/// An evaluation, ready to run.
 pub struct Evaluation {
     pub(super) datasets: Vec<OpenDataset>,
     only_scenes: Option<String>,

@@ -285,7 +285,6 @@ impl Results {
         self.manifest.methods.iter().flat_map(of).collect()
     }
 
-    /// Number of failed units.
     pub fn failures(&self) -> usize {
         let failed = self.records.iter().filter(|r| r.status != Status::Ok);
         failed.count()

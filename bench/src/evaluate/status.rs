@@ -23,7 +23,6 @@ pub struct RunProgress {
     pub methods: Vec<(String, RunStatus)>,
     /// Number of units finished recently, and the seconds that they took.
     pub pace: Option<(usize, f64)>,
-    /// The cost estimated by the plan.
     pub estimate: Option<Estimate>,
     /// Damaged files; their units count as missing.
     pub damaged: usize,

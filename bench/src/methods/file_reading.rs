@@ -122,7 +122,6 @@ impl Default for Placement {
     }
 }
 
-/// All settings for reading a file.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FileReading {
     pub stored: StoredForm,
@@ -214,7 +213,6 @@ impl FileReading {
         }
     }
 
-    /// Names of all settings.
     pub fn keys() -> impl Iterator<Item = &'static str> {
         let keys = StoredForm::KEYS.into_iter().chain(Self::PLACEMENT_KEYS);
         keys.chain([Self::RULE_KEY])

@@ -20,7 +20,6 @@ use crate::io::fingerprints;
 use crate::io::hash::sha256_hex;
 use crate::io::view_hashes::{ViewHashes, lock};
 
-/// Format version of the files.
 const FORMAT: u32 = 3;
 
 /// Both overlaps of views a < b, by index in the scene.

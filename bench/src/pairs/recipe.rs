@@ -372,7 +372,6 @@ pub enum PairOrigin {
     Built {
         /// The common choices; a dataset may override them.
         recipe: Box<PairRecipe>,
-        /// Cache of measured overlaps.
         cache: Option<OverlapCache>,
     },
     /// An existing list.

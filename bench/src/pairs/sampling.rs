@@ -106,7 +106,6 @@ fn spread_positions(names: &[(&str, &str)], limit: usize) -> Vec<usize> {
     chosen
 }
 
-/// Number of baseline bins.
 const STRATA: usize = 10;
 
 /// Bin of each pair's baseline; the largest baseline is in the last bin.

@@ -122,7 +122,6 @@ impl LocalMap {
     }
 }
 
-/// Output files of a map.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MapFiles {
     /// False-colour picture.

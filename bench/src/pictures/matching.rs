@@ -19,7 +19,6 @@ pub enum MatchError {
     #[error("{}: no picture with the same {by} in {}", path.display(), other.display())]
     Unmatched {
         path: PathBuf,
-        /// The folder that was searched.
         other: PathBuf,
         by: MatchBy,
     },

@@ -28,7 +28,6 @@ pub struct Board<'a> {
     pub metrics: Vec<Column>,
 }
 
-/// The pairs of one dataset.
 #[derive(Debug)]
 pub struct DatasetBoard<'a> {
     pub dataset: ReportDataset,
@@ -36,7 +35,6 @@ pub struct DatasetBoard<'a> {
     pub pairs: Vec<PairBoard<'a>>,
 }
 
-/// One pair and its predictions.
 #[derive(Debug)]
 pub struct PairBoard<'a> {
     /// Any record of the pair; used for facts that do not depend on the method.
@@ -58,7 +56,6 @@ pub struct ReportDataset {
     pub proxies: Vec<String>,
     /// Whether scores are computed on the region of each target that all methods predict.
     pub common_region: bool,
-    /// How the dataset's means are computed.
     pub aggregation: Aggregation,
 }
 

@@ -71,7 +71,6 @@ impl PictureKind {
 /// Pictures, or the reasons for missing ones; kinds that do not apply are absent.
 pub type Pictures = BTreeMap<PictureKind, Result<Thumbnail, MissingPicture>>;
 
-/// The shown pairs.
 #[derive(Debug)]
 pub struct Gallery<'a> {
     pub layout: Layout,

@@ -53,19 +53,15 @@ pub struct Page<'a> {
     pub lead: String,
     pub results: &'a Results,
     pub options: &'a ReportOptions,
-    /// Folder of the report.
     pub out: &'a Path,
     /// Metrics with at least one score.
     pub metrics: &'a [Column],
-    /// Quantities that methods report.
     pub extras: &'a [Column],
     pub facts: &'a [FactGroup],
     /// Counts with their nouns.
     pub counts: [(&'static str, usize); 6],
     pub board: &'a Board<'a>,
-    /// Tables of this run.
     pub ours: &'a [Table],
-    /// Tables of the paper.
     pub published: &'a [Table],
     /// Plots by file stem.
     pub figures: &'a [(String, Figure)],

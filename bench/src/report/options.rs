@@ -45,7 +45,6 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// The default budget of pictures.
     pub fn budget(self) -> PictureBudget {
         match self {
             Self::File => PictureBudget {
@@ -77,7 +76,6 @@ pub struct ReportComparison {
     pub lead: String,
     /// Labels `[A, B]` of the compared methods.
     pub against: Vec<[String; 2]>,
-    /// Tables of overall differences.
     pub grids: Vec<TextGrid>,
     /// Tables of differences by part.
     pub details: Vec<TextGrid>,

@@ -24,7 +24,6 @@ pub struct CellStatistics {
     pub scenes: Vec<f64>,
     /// Spread over scenes; `None` for a single scene or an infinite score.
     pub spread: Option<Spread>,
-    /// Number of infinite scores.
     pub infinite: usize,
     /// Mean over the finite scores; `None` if there are none.
     pub finite_mean: Option<f64>,

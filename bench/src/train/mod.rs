@@ -50,7 +50,6 @@ pub struct TrainRequest<'a> {
     pub export_f16: Option<&'a Path>,
 }
 
-/// Outcome of a training run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trained {
     pub ended: Ended,

@@ -27,7 +27,6 @@ pub(in crate::evaluate) struct GaussianStore {
 /// A prediction and its wall time, seconds.
 pub(in crate::evaluate) type Timed = (Arc<GaussianPrediction>, f64);
 
-/// Why there is no prediction.
 #[derive(Debug)]
 pub(in crate::evaluate) enum StoreError {
     Method(MethodError),

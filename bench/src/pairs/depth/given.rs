@@ -12,7 +12,6 @@ use crate::pairs::PairError;
 use crate::pairs::pair_id::{scene_path, view_name};
 use crate::pairs::valid_depth::is_valid_depth;
 
-/// Extensions of depth maps.
 const EXTENSIONS: [&str; 5] = ["npy", "npz", "exr", "pfm", "png"];
 
 /// Unit of a 16-bit PNG, metres.

@@ -67,7 +67,6 @@ pub enum TargetSlot {
     Random,
 }
 
-/// A published pair list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForeignList {
     path: PathBuf,

@@ -22,7 +22,6 @@ pub enum SceneReading {
     OneAPlace,
 }
 
-/// How pairs are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Averaging {
     Of(Aggregation),
@@ -44,7 +43,6 @@ pub struct Reading {
 pub struct ReadingValue {
     pub reading: Reading,
     pub value: f64,
-    /// Number of pairs averaged.
     pub n: usize,
 }
 

@@ -29,7 +29,6 @@ pub struct Variant {
     pub metric: String,
     pub key: MetricKey,
     pub value: f64,
-    /// Distance from the published number.
     pub distance: f64,
 }
 

@@ -94,7 +94,6 @@ impl SheetContent<'_> {
         }
     }
 
-    /// Whether any target has a photograph.
     fn has_truth(&self) -> bool {
         let mut targets = self.pairs.iter().map(|chosen| chosen.pair.facts);
         targets.any(|facts| !self.pictures.is_virtual(facts))

@@ -22,7 +22,6 @@ const HEAD_LINES: usize = 2;
 /// Maximum number of lines in the reason for a missing picture.
 const REASON_LINES: usize = 12;
 
-/// A laid-out tile.
 struct DrawnTile {
     pictures: Vec<Shown>,
     lines: Vec<String>,
@@ -281,7 +280,6 @@ impl Shown {
     }
 }
 
-/// Height of a tile's pictures.
 fn stacked(tile: &DrawnTile, gap: u32) -> u32 {
     let Some((picture, parts)) = tile.pictures.split_first() else {
         return 0;

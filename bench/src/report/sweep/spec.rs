@@ -52,7 +52,6 @@ impl FromStr for Threshold {
     }
 }
 
-/// Options of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepSpec {
     pub x: Motion,

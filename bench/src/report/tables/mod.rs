@@ -97,7 +97,6 @@ pub struct Group {
 pub struct Row {
     pub label: String,
     pub origin: Origin,
-    /// Footnote on the row.
     pub note: Option<usize>,
     /// `groups.len() * columns.len()` cells; the cell of group g and column c is at `g * columns.len() + c`.
     pub cells: Vec<Cell>,
@@ -118,9 +117,7 @@ pub struct Cell {
     pub std: Option<f64>,
     /// Spread over scenes.
     pub spread: Option<Spread>,
-    /// Number of infinite scores.
     pub infinite: usize,
-    /// Number of failed pairs.
     pub failed: usize,
     /// Indices of footnotes.
     pub notes: Vec<usize>,

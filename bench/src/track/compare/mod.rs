@@ -165,7 +165,6 @@ pub struct RunComparison {
     pub resampling: Resampling,
     /// The results of both runs, joined.
     pub results: Results,
-    /// Manifests of A and B.
     pub manifests: [Manifest; 2],
 }
 
@@ -174,7 +173,6 @@ pub struct RunComparison {
 pub struct PairChange<'a> {
     /// The pair's record in A.
     pub a: &'a Record,
-    /// Scores in A and B.
     pub scores: [f64; 2],
     /// How much worse B is, in the metric's unit; negative if better, zero if both scores are the same infinity.
     pub loss: f64,

@@ -122,7 +122,6 @@ impl Scope {
     }
 }
 
-/// A cost of prediction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resource {
     SecondsPerPair,

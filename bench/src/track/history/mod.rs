@@ -48,7 +48,6 @@ pub enum HistoryError {
     NoHistory { dir: PathBuf, reason: String },
 }
 
-/// One run in a history.
 #[derive(Debug)]
 struct Entry {
     /// Number, from 1 in the order of adding.
@@ -57,7 +56,6 @@ struct Entry {
     bundle: Bundle,
 }
 
-/// Outcome of adding a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Added {
     /// File of the entry with the run.

@@ -29,7 +29,6 @@ const APART: f64 = 7.0;
 struct HistoryPage<'a> {
     title: &'a str,
     history: &'a History,
-    /// One figure per metric.
     figures: &'a [Figure],
     /// Points with events, and their series.
     events: &'a [(&'a Series, &'a Point)],
