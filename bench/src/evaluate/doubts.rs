@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR};
 use super::picture_agreement::{changed_pictures, repeated_pictures};
 use super::picture_check::is_checked;
-use super::picture_order::misplaced_pictures;
+use super::picture_order::{misplaced_pictures, reframed_datasets};
 use super::picture_stamp::stamped_pictures;
 use super::picture_tone::{masked_pictures, toned_pictures};
 use super::record::Record;
@@ -141,7 +141,7 @@ pub(super) fn joint_doubts<'a>(
             misplaced_pictures(records.clone()),
             stamped_pictures(records.clone()),
             toned_pictures(records.clone()),
-            masked_pictures(records.clone()),
+            masked_pictures(records.clone(), &reframed_datasets(records.clone())),
             repeated_pictures(records.clone()),
         ]
         .concat(),

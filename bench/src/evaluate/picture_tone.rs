@@ -4,7 +4,7 @@
 //! Sorted levels are compared, which depend neither on places nor, in reduced pictures, on noise and blur. Methods that
 //! reproduce levels badly do so in each picture differently; only one curve for nearly all of them is evidence.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use image::RgbImage;
 use image::imageops::thumbnail;
@@ -33,6 +33,8 @@ const EXPLAINED: f64 = 0.25;
 const BETTER: f64 = 0.6;
 /// Minimum share of the pictures that follow other exposures of their sources.
 const FOLLOWING: f64 = 0.4;
+/// Minimum difference of the means, relative to the root mean square difference, that a loss of contrast does not leave.
+const OF_SHIFT: f64 = 0.7;
 /// Minimum ratio of two channels' gains that is a white balance.
 const OF_BALANCE: f64 = 1.06;
 /// Squared distances from the middle, relative to the corners', that count as middle, between and corner.
@@ -238,10 +240,16 @@ fn explaining(pairs: &[Pair]) -> Option<Curve> {
         power(1.0, gains(1.0)),
         power(own, gains(own)),
     ];
-    // Methods that blur or hesitate lose contrast, which is a line.
-    let line = error_of_line(pairs);
+    let count = pairs.len().max(1) as f64;
+    let before = error(pairs, Curve::AS_READ);
+    let off = (before / count).sqrt();
+    // Methods that blur or hesitate lose contrast, which is a line and keeps the mean.
+    let shift = pairs.iter().map(|(_, from, to)| to - from).sum::<f64>() / count;
+    let (line, is_shifted) = (error_of_line(pairs), shift.abs() >= OF_SHIFT * off);
     let is_told = |curve: &Curve| match curve {
-        Curve::Power { gamma, .. } if *gamma != 1.0 => error(pairs, *curve) <= BETTER * line,
+        Curve::Power { gamma, .. } if *gamma != 1.0 => {
+            is_shifted || error(pairs, *curve) <= BETTER * line
+        }
         _ => true,
     };
     let best = curves.into_iter().filter(is_told).reduce(|best, curve| {
@@ -250,9 +258,7 @@ fn explaining(pairs: &[Pair]) -> Option<Curve> {
             false => best,
         }
     })?;
-    let before = error(pairs, Curve::AS_READ);
-    let off = 255.0 * (before / pairs.len().max(1) as f64).sqrt();
-    (off >= LEAST_OFF && error(pairs, best) <= EXPLAINED * before).then_some(best)
+    (255.0 * off >= LEAST_OFF && error(pairs, best) <= EXPLAINED * before).then_some(best)
 }
 
 /// A sentence for each dataset whose pictures have one curve or dark corners in common.
@@ -280,9 +286,14 @@ pub(super) fn toned_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> V
 }
 
 /// A sentence for each dataset most of whose pictures are black or white where source and target show content.
-pub(super) fn masked_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
+/// Datasets of `reframed` pictures are skipped, which may lack a border.
+pub(super) fn masked_pictures<'a>(
+    records: impl Iterator<Item = &'a Record>,
+    reframed: &BTreeSet<&str>,
+) -> Vec<String> {
     let mut by_dataset: BTreeMap<&str, Vec<u8>> = BTreeMap::new();
-    for record in records.filter(|record| record.status == Status::Ok) {
+    let whole = records.filter(|record| !reframed.contains(record.dataset.as_str()));
+    for record in whole.filter(|record| record.status == Status::Ok) {
         if let Some(masked) = record.masked {
             by_dataset.entry(&record.dataset).or_default().push(masked);
         }
@@ -535,7 +546,7 @@ mod tests {
                 masked: Some(masked),
                 ..record()
             };
-            masked_pictures(shares.map(of).iter())
+            masked_pictures(shares.map(of).iter(), &BTreeSet::new())
         };
         assert!(told([30, 40, 35, 25, 20])[0].contains("30 % of them"));
         assert!(told([30, 40, 35, 25, 0])[0].contains("4 of the 5"));

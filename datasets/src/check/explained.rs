@@ -146,6 +146,8 @@ const DEPTH_SCALE: f64 = 0.1;
 pub(super) const COLOUR_SCALE: f64 = 32.0;
 /// Minimum fraction of samples to judge a pair.
 pub(super) const ENOUGH: f64 = 0.05;
+/// Minimum number of colours from which an exposure is measured.
+const LEAST_COMPARED: usize = 200;
 /// Maximum relative difference of depths that agree.
 pub(super) const TOLERANCE: f64 = 0.05;
 
@@ -164,6 +166,8 @@ pub(super) struct Explained {
     pub(super) compared: usize,
     /// Sum of the squared colour differences of these samples.
     pub(super) squares: f64,
+    /// Sums of their levels' products: of this view with itself, with the other view, and of that with itself.
+    products: [f64; 3],
 }
 
 impl Explained {
@@ -250,6 +254,15 @@ impl Explained {
             let squares: f64 = squares.map(|(a, b)| f64::from(a - b).powi(2)).sum();
             explained.compared += 1;
             explained.squares += squares;
+            for (a, b) in sample.colour.iter().zip(colour) {
+                let (a, b) = (f64::from(*a), f64::from(b));
+                let own = [a * a, a * b, b * b];
+                explained
+                    .products
+                    .iter_mut()
+                    .zip(own)
+                    .for_each(|(sum, v)| *sum += v);
+            }
             let by_colour = ((squares / 3.0).sqrt() / COLOUR_SCALE).min(1.0);
             tile.1 += by_depth.map_or(by_colour, |by_depth| (by_depth + by_colour) / 2.0);
         }
@@ -273,6 +286,10 @@ impl Explained {
         self.agreeing += other.agreeing;
         self.compared += other.compared;
         self.squares += other.squares;
+        self.products
+            .iter_mut()
+            .zip(other.products)
+            .for_each(|(sum, v)| *sum += v);
     }
 
     /// Fraction of all samples whose depth agrees with that of the other view.
@@ -283,6 +300,16 @@ impl Explained {
     /// Root mean square difference of colours, in levels; `None` if none were compared.
     pub(super) fn colour_levels(&self) -> Option<f64> {
         (self.compared > 0).then(|| (self.squares / (3 * self.compared) as f64).sqrt())
+    }
+
+    /// The factor from this view's levels to the other's that fits best, and the root mean square difference of colours
+    /// after it, in levels; `None` if hardly any were compared.
+    pub(super) fn exposure(&self) -> Option<(f64, f64)> {
+        let [own, mixed, other] = self.products;
+        (self.compared >= LEAST_COMPARED && own > 0.0).then(|| {
+            let left = (other - mixed * mixed / own).max(0.0);
+            (mixed / own, (left / (3 * self.compared) as f64).sqrt())
+        })
     }
 
     pub(super) fn meets_depth(&self) -> bool {

@@ -201,7 +201,7 @@ pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
 struct Look {
     contradictions: Vec<String>,
     consistency: Option<Consistency>,
-    /// Agreement of poses with matching features, if there is no depth.
+    /// Agreement of poses with matching features, if there is no depth; else other exposures.
     note: Option<String>,
 }
 
@@ -237,6 +237,11 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             let contradiction = plausible::one_pose(&scene.views);
             let contradiction = contradiction.or_else(|| neighbours.repeated());
             let contradiction = contradiction.or_else(|| neighbours.contradictions(units));
+            if effort.thorough {
+                note = neighbours.exposures();
+            }
+            let foreign = || effort.thorough.then(|| neighbours.foreign_picture())?;
+            let contradiction = contradiction.or_else(foreign);
             // Compares features, in case no interpretation assigns the pictures to their poses.
             contradiction.or_else(|| {
                 let is_suspicious = effort.thorough || neighbours.is_poorly_explained();
