@@ -77,7 +77,7 @@ fn done(browser: &str, page: &Path, script: &str) -> BTreeMap<String, String> {
     let end = policy + html[policy..].find('>').unwrap() + 1;
     let script = format!(
         "<pre id=\"said\"></pre><script>addEventListener('error', function (e) {{ document.querySelector('#said').append('error=' + \
-         e.message + '\\n'); }});{HANDS}addEventListener('load', async function () {{ await later(); {script} }});</script>"
+         e.message + '\\n'); }});{HANDS}addEventListener('load', async function () {{ await later(); {script} said('end', ''); }});</script>"
     );
     // Insert the script before the page's own, so that it also catches errors in that.
     let (before, after) = html[end..].rsplit_once("<script>").unwrap();
@@ -88,24 +88,32 @@ fn done(browser: &str, page: &Path, script: &str) -> BTreeMap<String, String> {
         format!("{}{before}{script}<script>{after}", &html[..policy]),
     )
     .unwrap();
-    let output = Command::new(browser)
-        .args([
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--window-size=1400,900",
-        ])
-        .args(["--virtual-time-budget=20000", "--dump-dom"])
-        .arg(format!("file://{}", copy.canonicalize().unwrap().display()))
-        .env("HOME", folder)
-        .output()
-        .unwrap();
-    let dom = String::from_utf8(output.stdout).unwrap();
-    let said = dom
-        .split("<pre id=\"said\">")
-        .nth(1)
-        .unwrap_or_else(|| panic!("{dom}"));
-    let said = said.split("</pre>").next().unwrap();
+    let open = || {
+        let output = Command::new(browser)
+            .args([
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--window-size=1400,900",
+            ])
+            .args(["--virtual-time-budget=20000", "--dump-dom"])
+            .arg(format!("file://{}", copy.canonicalize().unwrap().display()))
+            .env("HOME", folder)
+            .output()
+            .unwrap();
+        let dom = String::from_utf8(output.stdout).unwrap();
+        let said = dom.split("<pre id=\"said\">").nth(1);
+        let said = said.and_then(|said| said.split("</pre>").next());
+        said.unwrap_or_else(|| panic!("{dom}")).to_owned()
+    };
+    // On a busy machine, virtual time can run out before the script ends.
+    let mut said = open();
+    for _ in 0..2 {
+        if said.contains("\nend=") {
+            break;
+        }
+        said = open();
+    }
     let lines = said.lines().filter_map(|line| line.split_once('='));
     lines
         .map(|(name, value)| (name.to_owned(), value.to_owned()))

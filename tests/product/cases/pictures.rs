@@ -642,8 +642,7 @@ fn pictures_of_another_motion_are_told_and_poor_ones_are_not() {
     let all = Case { said, ..case };
     all.is_said_everywhere("r-sign", "move by -1.00 times the target's motion");
     all.is_said_everywhere("r-half", "move by 0.50 times the target's motion");
-    // 1.25, measured within 0.015.
-    all.is_said_everywhere("r-cropped", "with 1.24 times its focal length");
+    all.is_said_everywhere("r-cropped", "with 1.25 times its focal length");
 }
 
 #[test]
