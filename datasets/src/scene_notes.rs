@@ -49,8 +49,8 @@ pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     })
 }
 
-/// A warning if all pictures have 16 bits and no value in the upper three quarters of the range; `stored` are the types
-/// stated by their headers.
+/// Warns if all pictures are 16-bit but none has a value above a quarter of the range. `stored` yields the colour type in
+/// each picture's header.
 fn unscaled(scene: &Scene, mut stored: impl ExactSizeIterator<Item = ColorType>) -> Option<String> {
     use ColorType::{L16, La16, Rgb16, Rgba16};
     let is_deep =

@@ -43,7 +43,7 @@ const BEYOND_ENDS: f64 = 0.002;
 const OPPOSED: f64 = -0.4;
 /// Minimum share of the photograph's variance explained after undoing a change; poor predictions reach a quarter.
 const EXPLAINED: f64 = 0.2;
-/// Pictures whose correlation with the photograph is lower have little in common with it.
+/// A picture whose correlation with the photograph is lower has little in common with the photograph.
 pub(super) const UNLIKE: f64 = 0.15;
 
 /// Orders of stored channels: for each, which stored channel is red, which green, and which blue.

@@ -45,7 +45,7 @@ pub(super) struct Paint {
     scale_m: f64,
     /// Cosine and sine of the pattern's rotation.
     turn: (f64, f64),
-    /// Strength of the grain over the whole surface, 0..1, and the size of its grains in elements.
+    /// Grain on the whole surface: its strength, 0..1, and the size of a grain relative to an element of the pattern.
     grain: (f64, f64),
     /// Brightness of the light that the surface emits; 0 for surfaces that only reflect.
     pub(super) glow: f64,

@@ -87,7 +87,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     }
     anyhow::ensure!(
         !pairs.is_empty(),
-        "{}: no pair of the list is selected (--all also exports the others)",
+        "{}: no pair of the list is marked as selected; --all also exports pairs that are not",
         list.path.display()
     );
     let found = list.verify(&scenes);

@@ -6,8 +6,8 @@ use sharp_datasets::DepthMap;
 
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 
-/// Rendered depth counts as inverse depth if its ratio to true depth varies at least this many times as much as their
-/// product.
+/// Rendered depth is taken for inverse depth if rendered / true varies at least this many times as much as
+/// rendered × true, which is constant for inverse depth.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
 /// Minimum depth factor that may indicate another unit. Predictions without a unit are off by less.
 const LEAST_FACTOR: f64 = 1.5;

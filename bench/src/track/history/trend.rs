@@ -45,7 +45,7 @@ pub struct Series {
     pub points: Vec<Point>,
 }
 
-/// A series at one entry. Unknown and non-finite values are null.
+/// A series' values at one entry of the history. Unknown and non-finite values are serialised as null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Point {
     pub entry: u32,

@@ -96,7 +96,7 @@ impl<'a> Matches<'a> {
         }
     }
 
-    /// Describes how well the poses as read fit the matches.
+    /// Describes how well the matches agree with the poses, as read.
     pub(super) fn note(&self) -> String {
         let explained = self.explained(CONVENTIONS[0].take, &Some);
         let (n, share) = (self.matches.len(), share(&explained));
