@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The paper's ablations on a small network, 192 pixels wide. Every variant starts from the same depth network and trains for
-# 600 steps on the same examples; those of one seed are evaluated on the same held-out scenes. One thread each; start one
-# process for each seed. Resumable: run it again.
+# 600 steps on the same examples; all are evaluated on the same held-out scenes. Uses one thread; start one process for each
+# seed. Resumable: run it again.
 #
 # usage: ablate.sh OUT SEED
 set -euo pipefail
@@ -27,9 +27,9 @@ train() {
 }
 
 # The bundled network's depth, trained on at this resolution.
-depth=$out/depth/weights.safetensors
-train mini-384-depth "$out/depth" "$out/stride2.json" initial_depth="\"$root/sharp/mini/mini.safetensors\"" \
-    stage1.steps=600 stage1.schedule.warmup_steps=25
+depth=$out/$seed/depth-network/weights.safetensors
+train mini-384-depth "$out/$seed/depth-network" "$out/stride2.json" initial_depth="\"$root/sharp/mini/mini.safetensors\"" \
+    stage1.steps=600 stage1.seed="$seed" stage1.schedule.warmup_steps=25
 
 # variant NAME STRIDE [KEY=VALUE…], for the seed $seed; weights of losses that count per pixel follow the resolution
 variant() {
@@ -43,7 +43,7 @@ rows() {
     local table=$1 pair
     shift
     local arguments=()
-    for pair in "$@"; do arguments+=(--row "${pair%%=*}=$out/$seed/run:${pair#*=}"); done
+    for pair in "$@"; do arguments+=(--row "${pair%%=*}=$out/$seed/${results:-run}:${pair#*=}"); done
     "$bench" table -q "$table" "${arguments[@]}" --out "$out/$seed/tables"
 }
 
@@ -69,6 +69,10 @@ rows ablation_depth_alignment "ours: no=no-alignment" "ours: yes=whole"
 rows ablation_module "ours: no=frozen-depth" "ours: yes=whole"
 rows ablation_ssl "ours: no=whole" "ours: yes=self-supervised"
 rows ablation_stride "ours: 2x24x24=stride8" "ours: 2x48x48=stride4" "ours: 2x96x96=whole"
+# Time to render, alone: nothing else may run.
+"$bench" speed -q --dataset held-out:synthetic=world=varied,seed=902000,size=192x192,scenes=3 "${methods[@]:0:8}" --out "$out/$seed/speed"
+results=speed rows ablation_loss_render "ours: color+alpha=color-alpha" "ours: color+alpha+depth=depth" \
+    "ours: color+alpha+depth+percep=percep" "ours: color+alpha+depth+percep+reg=whole"
 # Each ablation's sheet: the same three pairs under its variants.
 for sheet in loss=color-alpha,depth,percep,whole gram=no-gram,whole alignment=no-alignment,whole \
     module=frozen-depth,whole ssl=whole,self-supervised stride=stride8,stride4,whole; do
