@@ -240,8 +240,6 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             if effort.thorough {
                 note = neighbours.exposures();
             }
-            let foreign = || effort.thorough.then(|| neighbours.foreign_picture())?;
-            let contradiction = contradiction.or_else(foreign);
             // Compares features, in case no interpretation assigns the pictures to their poses.
             contradiction.or_else(|| {
                 let is_suspicious = effort.thorough || neighbours.is_poorly_explained();

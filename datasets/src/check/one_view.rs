@@ -19,11 +19,6 @@ const MOST_LEFT: f64 = 1.5;
 const LEAST_OFF: f64 = 0.03;
 /// Minimum loss of a suspicious view, as a multiple of the loss between the surrounding views.
 const LEAST_WORSE: f64 = 1.15;
-/// Minimum fraction of agreeing depths of a view whose picture alone is judged; maximum difference of colours, as a
-/// fraction of the difference between unrelated places, of pictures that show the same; and its minimum for one that does not.
-const LEAST_FITTING: f64 = 0.6;
-const SAME: f64 = 0.4;
-const FOREIGN: f64 = 0.8;
 /// Minimum factor between two exposures, and maximum share of the difference of colours that it leaves.
 const OTHER_EXPOSURE: f64 = 1.12;
 const LEFT: f64 = 0.5;
@@ -110,37 +105,6 @@ impl Neighbours<'_> {
         let all = small.chain(self.around.iter().map(|(i, view)| (*i, view)));
         all.map(|(i, view)| (i, Posed::new(view.clone(), pose(i))))
             .collect()
-    }
-
-    /// Names a view whose depth fits the views around it but whose picture does not, although these show the same. Exposures
-    /// do not matter.
-    pub(super) fn foreign_picture(&self) -> Option<String> {
-        let all = self.posed();
-        // Difference of colours, as a fraction of the difference between unrelated places.
-        let differing = |from: &Posed, to: &Posed| {
-            let one = from.to(to, self.stride);
-            let (_, left) = one.exposure()?;
-            let fits = one.agreeing_where_met().unwrap_or(0.0) >= LEAST_FITTING;
-            fits.then(|| left / to.view.unrelated_levels().max(1.0))
-        };
-        all.iter().find_map(|(i, own)| {
-            let near: Vec<&Posed> = (i.saturating_sub(REACH)..=i + REACH)
-                .filter(|j| j != i)
-                .filter_map(|j| all.get(&j))
-                .collect();
-            let mut others = near.windows(2).map(|pair| differing(pair[0], pair[1]));
-            let mut links = near.iter().map(|other| differing(other, own));
-            let is_foreign = near.len() >= 2
-                && others.all(|share| share.is_some_and(|share| share <= SAME))
-                && links.all(|share| share.is_some_and(|share| share >= FOREIGN));
-            is_foreign.then(|| {
-                format!(
-                    "{}: its picture does not show what the views around it show there, although its depth does and these \
-                     views fit each other; is it the picture of another scene or pose? Replace it, or leave the view out",
-                    self.views[*i].id
-                )
-            })
-        })
     }
 
     /// A note if neighbouring views differ in exposure.
