@@ -99,7 +99,11 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
     let measured = Sensitivity {
         image: args.image.display().to_string(),
         window: [width, height],
-        comparisons: experiment.comparisons.iter().map(Compared::new).collect(),
+        comparisons: experiment
+            .comparisons
+            .iter()
+            .map(ComparisonScores::new)
+            .collect(),
         metrics: scorer.info(),
         written: Written::new(&written),
         table: table::table(&experiment, &name).text(),
@@ -113,7 +117,7 @@ struct Sensitivity {
     image: String,
     /// Width and height of the compared part, pixels.
     window: [u32; 2],
-    comparisons: Vec<Compared>,
+    comparisons: Vec<ComparisonScores>,
     metrics: Vec<MetricInfo>,
     #[serde(flatten)]
     written: Written,
@@ -122,7 +126,7 @@ struct Sensitivity {
 }
 
 #[derive(Serialize)]
-struct Compared {
+struct ComparisonScores {
     comparison: String,
     shift_percent: Option<f64>,
     shift_px: Option<f64>,
@@ -130,7 +134,7 @@ struct Compared {
     unavailable: Map<String, Value>,
 }
 
-impl Compared {
+impl ComparisonScores {
     fn new(comparison: &Comparison) -> Self {
         let [scores, unavailable] = json_scores(&comparison.scores);
         Self {

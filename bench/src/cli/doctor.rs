@@ -30,9 +30,9 @@ struct Finding {
 }
 
 #[derive(Serialize)]
-struct Findings(Vec<Finding>);
+struct DoctorReport(Vec<Finding>);
 
-impl Display for Findings {
+impl Display for DoctorReport {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         for finding in &self.0 {
             writeln!(f, "{:<18} {}", finding.what, finding.found)?;
@@ -53,7 +53,7 @@ fn finding(what: &'static str, found: impl Into<String>, advice: impl Into<Strin
 }
 
 pub(super) fn execute(args: &DoctorArgs) -> anyhow::Result<Outcome> {
-    output::print(&Findings(findings()), args.json)?;
+    output::print(&DoctorReport(findings()), args.json)?;
     Ok(Outcome::Done)
 }
 

@@ -108,7 +108,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         Some(out) => write_explanations(&runs, out)?,
         None => Vec::new(),
     };
-    let explained = Explained {
+    let explained = ExplainedRuns {
         table: table.name,
         row: &args.row,
         runs: runs.iter().map(to_json).collect(),
@@ -120,7 +120,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
 }
 
 #[derive(Serialize)]
-struct Explained<'a> {
+struct ExplainedRuns<'a> {
     table: &'a str,
     row: &'a str,
     runs: Vec<Value>,
@@ -130,7 +130,7 @@ struct Explained<'a> {
     text: String,
 }
 
-impl Display for Explained<'_> {
+impl Display for ExplainedRuns<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         write!(f, "{}\n{}", self.text.trim_end(), self.written)
     }

@@ -206,9 +206,9 @@ pub(super) fn execute(args: &FigureArgs) -> anyhow::Result<Outcome> {
 }
 
 #[derive(Serialize)]
-struct Catalogue(&'static [FigureEntry]);
+struct FigureList(&'static [FigureEntry]);
 
-impl Display for Catalogue {
+impl Display for FigureList {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         self.0.iter().try_for_each(|figure| {
             writeln!(
@@ -221,7 +221,7 @@ impl Display for Catalogue {
 }
 
 fn list(as_json: bool) -> anyhow::Result<Outcome> {
-    output::print(&Catalogue(&FIGURES), as_json)?;
+    output::print(&FigureList(&FIGURES), as_json)?;
     Ok(Outcome::Done)
 }
 

@@ -94,7 +94,7 @@ fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
     })?;
     let added = history::add(&args.dir, &args.run, occasion)?;
     let entry = AddedEntry {
-        entry: Entry::new(added.number, &added.occasion),
+        entry: ShownEntry::new(added.number, &added.occasion),
         file: added.path.display().to_string(),
         is_new: added.is_new,
         damaged: &added.damaged,
@@ -104,14 +104,14 @@ fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
 }
 
 #[derive(Serialize)]
-struct Entry<'a> {
+struct ShownEntry<'a> {
     entry: u32,
     label: &'a str,
     commit: Option<&'a str>,
     date: &'a str,
 }
 
-impl<'a> Entry<'a> {
+impl<'a> ShownEntry<'a> {
     fn new(entry: u32, occasion: &'a Occasion) -> Self {
         Self {
             entry,
@@ -125,7 +125,7 @@ impl<'a> Entry<'a> {
 #[derive(Serialize)]
 struct AddedEntry<'a> {
     #[serde(flatten)]
-    entry: Entry<'a>,
+    entry: ShownEntry<'a>,
     file: String,
     is_new: bool,
     damaged: &'a [String],
@@ -133,7 +133,7 @@ struct AddedEntry<'a> {
 
 impl Display for AddedEntry<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let Entry { label, date, .. } = self.entry;
+        let ShownEntry { label, date, .. } = self.entry;
         write!(f, "{}  {label}", self.file)?;
         match self.is_new {
             true => Ok(()),
@@ -148,7 +148,7 @@ impl Display for AddedEntry<'_> {
 #[derive(Serialize)]
 struct ShownHistory<'a> {
     schema: u32,
-    entries: Vec<Entry<'a>>,
+    entries: Vec<ShownEntry<'a>>,
     rows: Vec<&'a Point>,
     damaged: &'a [String],
     #[serde(skip)]
@@ -169,7 +169,7 @@ fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
     let shown = ShownHistory {
         schema: 1,
         entries: entries
-            .map(|(n, occasion)| Entry::new(*n, occasion))
+            .map(|(n, occasion)| ShownEntry::new(*n, occasion))
             .collect(),
         rows: history.points().collect(),
         damaged: &history.damaged,

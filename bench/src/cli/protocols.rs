@@ -30,7 +30,7 @@ pub(super) struct ProtocolsArgs {
 
 pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
     match &args.name {
-        None => output::print(&Catalogue(&PROTOCOLS), args.json)?,
+        None => output::print(&ProtocolList(&PROTOCOLS), args.json)?,
         Some(name) => {
             let protocol = Protocol::named(name).map_err(|error| UsageError(error.to_string()))?;
             output::print(protocol, args.json)?;
@@ -40,9 +40,9 @@ pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
 }
 
 #[derive(Serialize)]
-struct Catalogue(&'static [Protocol]);
+struct ProtocolList(&'static [Protocol]);
 
-impl Display for Catalogue {
+impl Display for ProtocolList {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let mut protocols = self.0.iter();
         protocols

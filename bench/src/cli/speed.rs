@@ -97,7 +97,7 @@ pub(super) fn execute(args: &SpeedArgs) -> anyhow::Result<Outcome> {
     let shown = ShownSpeed {
         machine: cpu_and_threads(),
         measured: speeds,
-        compute: report.compute.as_ref().map(Cells::new),
+        compute: report.compute.as_ref().map(GridTexts::new),
         written: Written::new(&written),
         text: report.text(),
     };
@@ -110,7 +110,7 @@ pub(super) fn execute(args: &SpeedArgs) -> anyhow::Result<Outcome> {
 struct ShownSpeed<'a> {
     machine: Option<String>,
     measured: Option<&'a Vec<Speed>>,
-    compute: Option<Cells<'a>>,
+    compute: Option<GridTexts<'a>>,
     #[serde(flatten)]
     written: Written,
     #[serde(skip)]
@@ -124,12 +124,12 @@ impl Display for ShownSpeed<'_> {
 }
 
 #[derive(Serialize)]
-struct Cells<'a> {
+struct GridTexts<'a> {
     heads: &'a [String],
     rows: Vec<Vec<&'a str>>,
 }
 
-impl<'a> Cells<'a> {
+impl<'a> GridTexts<'a> {
     fn new(grid: &'a TextGrid) -> Self {
         let rows = grid.rows.iter();
         let rows = rows.map(|row| row.iter().map(|cell| cell.text.as_str()).collect());

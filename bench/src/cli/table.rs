@@ -135,7 +135,7 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
         label: paper.label,
         cells: numbers(paper, &table),
         checklist: checks
-            .map(|c| Check {
+            .map(|c| ShownCheck {
                 met: c.is_met,
                 text: &c.text,
             })
@@ -152,7 +152,7 @@ struct ShownTable<'a> {
     table: &'a str,
     label: &'a str,
     cells: Vec<Number<'a>>,
-    checklist: Vec<Check<'a>>,
+    checklist: Vec<ShownCheck<'a>>,
     #[serde(flatten)]
     written: Written,
     #[serde(skip)]
@@ -160,7 +160,7 @@ struct ShownTable<'a> {
 }
 
 #[derive(Serialize)]
-struct Check<'a> {
+struct ShownCheck<'a> {
     met: bool,
     text: &'a str,
 }
@@ -235,7 +235,7 @@ fn list(json: bool) -> anyhow::Result<Outcome> {
                 .count(),
         }
     });
-    output::print(&Catalogue(tables.collect()), json)?;
+    output::print(&TableList(tables.collect()), json)?;
     Ok(Outcome::Done)
 }
 
@@ -256,9 +256,9 @@ struct ListedTable {
 }
 
 #[derive(Serialize)]
-struct Catalogue(Vec<ListedTable>);
+struct TableList(Vec<ListedTable>);
 
-impl Display for Catalogue {
+impl Display for TableList {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let rows = self.0.iter().map(|table| {
             let words = [table.name, table.title, table.made_by, table.needs];

@@ -107,7 +107,7 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
     } = train(request, &terminal)?;
     let measured = validated.iter();
     let measured = measured.map(|(name, value)| (name.clone(), json_number(*value)));
-    let state = TrainingState {
+    let state = TrainingSummary {
         complete: ended == Ended::Complete,
         stage: position.stage.number(),
         step: position.step,
@@ -129,7 +129,7 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
 }
 
 #[derive(Serialize)]
-struct TrainingState {
+struct TrainingSummary {
     complete: bool,
     stage: u64,
     step: u64,
@@ -146,7 +146,7 @@ struct TrainingState {
     position: Position,
 }
 
-impl Display for TrainingState {
+impl Display for TrainingSummary {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         for (name, value) in &self.validated {
             writeln!(f, "{name}  {value:.4}")?;

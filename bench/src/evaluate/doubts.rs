@@ -130,23 +130,24 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     })
 }
 
-/// Findings from all records of a method; see `outlying_sources` and `changed_pictures`.
+/// Findings from all records of a method.
 pub(super) fn joint_doubts<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
 ) -> Vec<String> {
-    let mut found = match is_checked(kind) {
-        true => [
-            changed_pictures(records.clone()),
+    let mut found = Vec::new();
+    if is_checked(kind) {
+        let reframed = reframed_datasets(records.clone());
+        found = [
+            changed_pictures(records.clone(), &reframed),
             misplaced_pictures(records.clone()),
             stamped_pictures(records.clone()),
             toned_pictures(records.clone()),
-            masked_pictures(records.clone(), &reframed_datasets(records.clone())),
+            masked_pictures(records.clone(), &reframed),
             repeated_pictures(records.clone()),
         ]
-        .concat(),
-        false => Vec::new(),
-    };
+        .concat();
+    }
     found.extend(trained_targets(records.clone()));
     found.extend(outlying_sources(records, kind));
     found

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::doubts::listed;
 use super::finding::{PictureChange, ShownTarget};
 use super::picture_check::UNLIKE;
-use super::picture_order::{is_resized, reframed_datasets};
+use super::picture_order::is_resized;
 use super::record::{PairFiles, Record, Status};
 
 /// Minimum number of pictures in a dataset, and the share that must agree.
@@ -27,11 +27,11 @@ const UNEVEN: (f64, f64) = (8.0, 0.1);
 /// Minimum difference of the gains of levels that were stretched one by one, percent. Equal gains are an exposure.
 const LEAST_SPREAD: i16 = 5;
 
-/// Sentences for each dataset: see [`agreed_changes`].
+/// Sentences for each dataset: see [`agreed_changes`]. In `reframed` datasets, crops are explained by the camera.
 pub(super) fn changed_pictures<'a>(
-    records: impl Iterator<Item = &'a Record> + Clone,
+    records: impl Iterator<Item = &'a Record>,
+    reframed: &BTreeSet<&str>,
 ) -> Vec<String> {
-    let reframed = reframed_datasets(records.clone());
     let mut by_dataset: BTreeMap<&str, Vec<(&str, Option<PictureChange>)>> = BTreeMap::new();
     for record in records.filter(|record| record.status == Status::Ok) {
         let of_dataset = by_dataset.entry(&record.dataset).or_default();
@@ -248,7 +248,7 @@ mod tests {
     /// What is said if the first of `all` pictures have these changes.
     fn told(changes: &[PictureChange], all: usize) -> Vec<String> {
         let of = |at: usize, record: &mut Record| record.change = changes.get(at).copied();
-        changed_pictures(records(all, of).iter())
+        changed_pictures(records(all, of).iter(), &BTreeSet::new())
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Detects pictures that frame the target differently: zoomed, rolled or shifted.
+//! Detects pictures that frame the target differently: zoomed, rolled, shifted or distorted by a lens.
 //!
 //! Wrong depths move the content of a picture only along epipolar lines. Displacements across them are evidence of a
 //! wrong camera or a crop, however poor the prediction is.
@@ -53,7 +53,7 @@ pub(super) fn shown_framing(
 ) -> Option<Framing> {
     let (width, height) = target.dimensions();
     let camera = intrinsics.resized(width, height);
-    let view = View {
+    let view = FramedTarget {
         focal: DVec2::new(camera.fx, camera.fy),
         middle: DVec2::new(camera.cx, camera.cy),
         half: f64::from(width) / 2.0,
@@ -99,7 +99,7 @@ pub(super) fn shown_framing(
 }
 
 /// A target and its camera at the shrunk size.
-struct View<'a> {
+struct FramedTarget<'a> {
     focal: DVec2,
     middle: DVec2,
     /// Half the width.
@@ -141,7 +141,7 @@ fn blocks_of(target: &RgbImage) -> Vec<DVec2> {
     blocks.collect()
 }
 
-impl View<'_> {
+impl FramedTarget<'_> {
     /// The blocks of the target that are found in a picture.
     fn lines(&self, shown: &RgbImage) -> Vec<Line> {
         let (width, height) = self.target.dimensions();
@@ -191,7 +191,8 @@ impl View<'_> {
     fn lens(&self, measured: &Measured, framing: Option<DVec4>) -> Option<f64> {
         measured.fit?;
         let lines = &measured.lines;
-        // A row's first part is the displacement by a zoom, which grows with the cube of the distance here.
+        // The displacement by a zoom, which is the row's first part, times the squared distance from the middle. The block's
+        // place follows from the row's direction and its first two parts.
         let by_lens = |row: &DVec4, k1: f64| {
             let at = DMat2::from_cols(DVec2::new(row.z, row.w), DVec2::new(-row.w, row.z))
                 * DVec2::new(row.x, -row.y)

@@ -68,7 +68,7 @@ impl Camera {
 
 /// What the blocks of a picture show.
 #[derive(Debug)]
-pub(super) struct Shown {
+pub(super) struct MeasuredMotion {
     /// A multiple of the true motion ([`ShownCamera::Moved`]) or a misread pose; `None` if it cannot be measured.
     pub(super) camera: Option<ShownCamera>,
     /// Share of the blocks, all of which source and target show, at whose place the picture is black or white, percent;
@@ -76,12 +76,13 @@ pub(super) struct Shown {
     pub(super) masked: Option<u8>,
 }
 
-/// Measures a picture's motion, and how much of it is masked. All pictures are shrunk; `intrinsics` are those of source and target at full size.
+/// Measures a picture's motion, and how much of it is masked. All pictures are shrunk; `intrinsics` are those of source
+/// and target at full size.
 pub(super) fn shown_camera(
     intrinsics: [Intrinsics; 2],
     target_from_source: RigidTransform,
     [source, target, shown]: [&RgbImage; 3],
-) -> Shown {
+) -> MeasuredMotion {
     let [from, to] = intrinsics.map(|k| k.resized(target.width(), target.height()));
     let RigidTransform {
         rotation,
@@ -144,7 +145,7 @@ pub(super) fn shown_camera(
     let masked = (blocks.len() >= FOUND.0).then(|| (100 * count / blocks.len()) as u8);
     blocks.retain(|block| block.is_moving);
     if blocks.len() < FOUND.0 {
-        return Shown {
+        return MeasuredMotion {
             camera: None,
             masked,
         };
@@ -179,7 +180,7 @@ pub(super) fn shown_camera(
     let poses = poses.map(|((cause, ..), share)| (*cause, share));
     let causes = poses.filter(|(_, share)| *share >= OF_POSE).chain(motion);
     let best = causes.max_by(|a, b| a.1.total_cmp(&b.1));
-    Shown {
+    MeasuredMotion {
         camera: best.map(|(cause, _)| cause),
         masked,
     }

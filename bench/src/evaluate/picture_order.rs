@@ -15,7 +15,7 @@ use super::finding::{Framing, PictureChange, ShownCamera, ShownTarget};
 use super::gaussians::likeness::Likeness;
 use super::picture_check::shrunk;
 use super::picture_framing::shown_framing;
-use super::picture_motion::{Shown, shown_camera};
+use super::picture_motion::{MeasuredMotion, shown_camera};
 use super::picture_stamp::wrong_cells;
 use super::picture_tone::tone;
 use super::record::Record;
@@ -130,7 +130,7 @@ pub(super) fn note_order(
     let views = [planned.source, planned.target];
     let [from, to] = views.map(|view| view.camera_from_world);
     let target_from_source = to.after(&from.inverse());
-    let Shown {
+    let MeasuredMotion {
         camera: moved,
         masked,
     } = shown_camera(

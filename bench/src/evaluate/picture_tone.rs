@@ -1,5 +1,5 @@
-//! Detects an exposure, white balance or tone curve that all pictures of a dataset have and their targets do not, and
-//! darker corners.
+//! Detects an exposure, white balance or tone curve that all pictures of a dataset have and their targets do not, darker
+//! corners, and masked backgrounds.
 //!
 //! Sorted levels are compared, which depend neither on places nor, in reduced pictures, on noise and blur. Methods that
 //! reproduce levels badly do so in each picture differently; only one curve for nearly all of them is evidence.
@@ -148,7 +148,7 @@ impl Curve {
     fn text(self) -> String {
         let Self::Power { gains, gamma } = self else {
             return "look as if they were tone mapped: with x / (1 + x) of linear light (Reinhard), the photographs' \
-                    levels become theirs; store them without tone mapping"
+                    levels become theirs"
                 .to_owned();
         };
         let [red, green, blue] = gains;
@@ -162,47 +162,49 @@ impl Curve {
             };
             return format!(
                 "look as if they had another tone curve: their levels are {times}the photographs' (0 to 1) to the power \
-                 of {gamma:.2}, as tone mapping or another gamma leaves; store them in sRGB, without tone mapping"
+                 of {gamma:.2}, as tone mapping or another gamma leaves"
             );
         }
         match is_balance {
             true => format!(
                 "have {red:.2}, {green:.2} and {blue:.2} times the red, green and blue of the photographs, as another white \
-                 balance leaves; store them without it"
-            ),
-            false if most < 1.0 => format!(
-                "have {green:.2} times the levels of the photographs, as another exposure leaves, or colours that were \
-                 multiplied by alpha; store them without it"
+                 balance leaves"
             ),
             false => format!(
-                "have {green:.2} times the levels of the photographs, as another exposure leaves; store them without it"
+                "have {green:.2} times the levels of the photographs, as another exposure leaves{}",
+                if most < 1.0 {
+                    ", or colours that were multiplied by alpha"
+                } else {
+                    ""
+                }
             ),
         }
     }
 }
 
 /// Levels of a photograph and of a picture, and their channel.
-type Pair = (usize, f64, f64);
+type LevelPair = (usize, f64, f64);
 
-fn pairs(from: &[[u8; 5]; 3], to: &[[u8; 5]; 3]) -> Vec<Pair> {
+fn level_pairs(from: &[[u8; 5]; 3], to: &[[u8; 5]; 3]) -> Vec<LevelPair> {
     let all = (0..3).flat_map(|channel| (0..5).map(move |k| (channel, k)));
     let levels = all.map(|(channel, k)| (channel, from[channel][k], to[channel][k]));
-    let whole = levels.filter(|(_, from, to)| UNCLIPPED.contains(from) && UNCLIPPED.contains(to));
-    whole
+    let unclipped =
+        levels.filter(|(_, from, to)| UNCLIPPED.contains(from) && UNCLIPPED.contains(to));
+    unclipped
         .map(|(channel, from, to)| (channel, f64::from(from) / 255.0, f64::from(to) / 255.0))
         .collect()
 }
 
 /// Sum of squared differences.
-fn error(pairs: &[Pair], curve: Curve) -> f64 {
-    let off = |(channel, from, to): &Pair| (curve.of(*channel, *from) - to).powi(2);
+fn error(pairs: &[LevelPair], curve: Curve) -> f64 {
+    let off = |(channel, from, to): &LevelPair| (curve.of(*channel, *from) - to).powi(2);
     pairs.iter().map(off).sum()
 }
 
 /// Sum of squared differences from the line that fits best.
-fn error_of_line(pairs: &[Pair]) -> f64 {
+fn error_of_line(pairs: &[LevelPair]) -> f64 {
     let count = pairs.len().max(1) as f64;
-    let mean = |of: fn(&Pair) -> f64| pairs.iter().map(of).sum::<f64>() / count;
+    let mean = |of: fn(&LevelPair) -> f64| pairs.iter().map(of).sum::<f64>() / count;
     let (x, y) = (mean(|pair| pair.1), mean(|pair| pair.2));
     let sum =
         |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|p| of(p.1 - x, p.2 - y)).sum::<f64>();
@@ -211,7 +213,7 @@ fn error_of_line(pairs: &[Pair]) -> f64 {
 }
 
 /// The curve with the fewest parameters that explains the pairs, if any does.
-fn explaining(pairs: &[Pair]) -> Option<Curve> {
+fn explaining(pairs: &[LevelPair]) -> Option<Curve> {
     let logarithms = pairs
         .iter()
         .map(|(channel, from, to)| (*channel, from.ln(), to.ln()));
@@ -315,18 +317,18 @@ pub(super) fn masked_pictures<'a>(
 }
 
 /// How many pictures a curve explains.
-fn explained(of: &[Vec<Pair>], curve: Curve) -> usize {
+fn explained(of: &[Vec<LevelPair>], curve: Curve) -> usize {
     let is_explained =
-        |pairs: &&Vec<Pair>| 2.0 * error(pairs, curve) <= error(pairs, Curve::AS_READ);
+        |pairs: &&Vec<LevelPair>| 2.0 * error(pairs, curve) <= error(pairs, Curve::AS_READ);
     of.iter().filter(is_explained).count()
 }
 
 fn common_curve(tones: &[&Tone], dataset: &str) -> Option<String> {
     let is_most = |count: usize| count as f64 >= AGREEING.1 * tones.len() as f64;
-    let by_picture = |of: fn(&Tone) -> &[[u8; 5]; 3]| -> Vec<Vec<Pair>> {
+    let by_picture = |of: fn(&Tone) -> &[[u8; 5]; 3]| -> Vec<Vec<LevelPair>> {
         tones
             .iter()
-            .map(|tone| pairs(&tone.target, of(tone)))
+            .map(|tone| level_pairs(&tone.target, of(tone)))
             .collect()
     };
     let [pictures, sources] = [
@@ -338,12 +340,13 @@ fn common_curve(tones: &[&Tone], dataset: &str) -> Option<String> {
     let all = tones.len();
     is_most(count).then(|| match is_most(explained(&sources, curve)) {
         true => format!(
-            "its pictures {} ({count} of the {all} compared in pairs of {dataset}); so do the sources, so the dataset's \
-             photographs differ in exposure or white balance, and the predictions are not to blame",
+            "its pictures {} ({count} of the {all} compared in pairs of {dataset}); the same holds for the sources, so the \
+             dataset's photographs differ in exposure or white balance, and the predictions are not to blame",
             curve.text()
         ),
         false => format!(
-            "its pictures {} ({count} of the {all} compared in pairs of {dataset} agree, and the sources do not)",
+            "its pictures {} ({count} of the {all} compared in pairs of {dataset} agree, and the sources do not); store them \
+             in sRGB, as the photographs are",
             curve.text()
         ),
     })
@@ -353,8 +356,9 @@ fn common_curve(tones: &[&Tone], dataset: &str) -> Option<String> {
 /// sources.
 fn exposures_of_sources(tones: &[&Tone], dataset: &str) -> Option<String> {
     let following = tones.iter().filter(|tone| {
-        let curve = explaining(&pairs(&tone.target, &tone.source));
-        curve.is_some_and(|curve| explained(&[pairs(&tone.target, &tone.picture)], curve) == 1)
+        let curve = explaining(&level_pairs(&tone.target, &tone.source));
+        curve
+            .is_some_and(|curve| explained(&[level_pairs(&tone.target, &tone.picture)], curve) == 1)
     });
     let (count, all) = (following.count(), tones.len());
     (count >= AGREEING.0 && count as f64 >= FOLLOWING * all as f64).then(|| {

@@ -166,8 +166,8 @@ pub(super) struct Explained {
     pub(super) compared: usize,
     /// Sum of the squared colour differences of these samples.
     pub(super) squares: f64,
-    /// Sums of their levels' products: of this view with itself, with the other view, and of that with itself.
-    products: [f64; 3],
+    /// Sums of the squared levels of these samples, in their own view and in the other.
+    levels: [f64; 2],
 }
 
 impl Explained {
@@ -254,14 +254,8 @@ impl Explained {
             let squares: f64 = squares.map(|(a, b)| f64::from(a - b).powi(2)).sum();
             explained.compared += 1;
             explained.squares += squares;
-            for (a, b) in sample.colour.iter().zip(colour) {
-                let (a, b) = (f64::from(*a), f64::from(b));
-                let own = [a * a, a * b, b * b];
-                explained
-                    .products
-                    .iter_mut()
-                    .zip(own)
-                    .for_each(|(sum, v)| *sum += v);
+            for (sum, colour) in explained.levels.iter_mut().zip([sample.colour, colour]) {
+                *sum += colour.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>();
             }
             let by_colour = ((squares / 3.0).sqrt() / COLOUR_SCALE).min(1.0);
             tile.1 += by_depth.map_or(by_colour, |by_depth| (by_depth + by_colour) / 2.0);
@@ -286,10 +280,9 @@ impl Explained {
         self.agreeing += other.agreeing;
         self.compared += other.compared;
         self.squares += other.squares;
-        self.products
-            .iter_mut()
-            .zip(other.products)
-            .for_each(|(sum, v)| *sum += v);
+        for (sum, other) in self.levels.iter_mut().zip(other.levels) {
+            *sum += other;
+        }
     }
 
     /// Fraction of all samples whose depth agrees with that of the other view.
@@ -305,7 +298,8 @@ impl Explained {
     /// The factor from this view's levels to the other's that fits best, and the root mean square difference of colours
     /// after it, in levels; `None` if hardly any were compared.
     pub(super) fn exposure(&self) -> Option<(f64, f64)> {
-        let [own, mixed, other] = self.products;
+        let [own, other] = self.levels;
+        let mixed = (own + other - self.squares) / 2.0;
         (self.compared >= LEAST_COMPARED && own > 0.0).then(|| {
             let left = (other - mixed * mixed / own).max(0.0);
             (mixed / own, (left / (3 * self.compared) as f64).sqrt())

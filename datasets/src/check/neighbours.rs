@@ -23,6 +23,9 @@ const LEAST_MOVED: f64 = 1.5;
 /// Maximum difference of colours that fit, as a fraction of the difference between unrelated places.
 const EXPLAINED: f64 = 0.35;
 
+/// Minimum factor between the levels of two exposures, and maximum share of the colour difference that the factor leaves.
+const EXPOSURE: (f64, f64) = (1.12, 0.5);
+
 /// Neighbouring views of a scene at reduced size.
 pub(super) struct Neighbours<'a> {
     pub(super) views: &'a [View],
@@ -206,6 +209,29 @@ impl<'a> Neighbours<'a> {
         let point = next_from_view.apply(view.camera.unproject(from, depth));
         let place = next.camera.project(point);
         Some(place.map_or(f64::INFINITY, |place| place.distance(to)))
+    }
+
+    /// A note if neighbouring views differ in exposure.
+    pub(super) fn exposures(&self) -> Option<String> {
+        let all = self.explained(&Reading::AS_READ, self.stride);
+        let pairs = self.carries.iter().zip(&all).step_by(2);
+        let compared = pairs.filter_map(|(pair, one)| {
+            let ((factor, left), levels) = (one.exposure()?, one.colour_levels()?);
+            let is_other = factor.ln().abs() >= EXPOSURE.0.ln() && left <= EXPOSURE.1 * levels;
+            Some((pair, factor, is_other))
+        });
+        let compared: Vec<(&(usize, usize), f64, bool)> = compared.collect();
+        let other = compared.iter().filter(|(.., is_other)| *is_other);
+        let count = other.clone().count();
+        let ((a, b), factor, _) = other.max_by(|a, b| a.1.ln().abs().total_cmp(&b.1.ln().abs()))?;
+        Some(format!(
+            "exposure: {count} of {} pairs of neighbouring views differ in exposure, {} and {} by a factor of {factor:.2} in \
+             their levels; methods that keep the source's exposure lose PSNR there, so use pictures of one exposure if there \
+             are any",
+            compared.len(),
+            self.views[*a].id,
+            self.views[*b].id
+        ))
     }
 
     /// Fraction of pixels that masks exclude, if most are excluded.

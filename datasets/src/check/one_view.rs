@@ -19,9 +19,6 @@ const MOST_LEFT: f64 = 1.5;
 const LEAST_OFF: f64 = 0.03;
 /// Minimum loss of a suspicious view, as a multiple of the loss between the surrounding views.
 const LEAST_WORSE: f64 = 1.15;
-/// Minimum factor between two exposures, and maximum share of the difference of colours that it leaves.
-const OTHER_EXPOSURE: f64 = 1.12;
-const LEFT: f64 = 0.5;
 /// Number of views on either side with which a view is compared.
 const REACH: usize = 2;
 
@@ -54,7 +51,11 @@ impl Neighbours<'_> {
     /// Changes of a single view that explain it and its neighbours significantly better, and as well as the neighbours
     /// explain each other. Each comes with its effect on the projections.
     pub(super) fn one_view(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
-        let all = self.posed();
+        let pose = |i: usize| self.views[i].camera_from_world;
+        let small = self.small.iter().map(|(i, read)| (*i, &read.0));
+        let all = small.chain(self.around.iter().map(|(i, view)| (*i, view)));
+        let all = all.map(|(i, view)| (i, Posed::new(view.clone(), pose(i))));
+        let all: BTreeMap<usize, Posed> = all.collect();
         let mut found = Vec::new();
         for (i, own) in &all {
             let near: Vec<&Posed> = (i.saturating_sub(REACH)..=i + REACH)
@@ -97,37 +98,6 @@ impl Neighbours<'_> {
             }
         }
         found
-    }
-
-    fn posed(&self) -> BTreeMap<usize, Posed> {
-        let pose = |i: usize| self.views[i].camera_from_world;
-        let small = self.small.iter().map(|(i, read)| (*i, &read.0));
-        let all = small.chain(self.around.iter().map(|(i, view)| (*i, view)));
-        all.map(|(i, view)| (i, Posed::new(view.clone(), pose(i))))
-            .collect()
-    }
-
-    /// A note if neighbouring views differ in exposure.
-    pub(super) fn exposures(&self) -> Option<String> {
-        let all = self.explained(&Reading::AS_READ, self.stride);
-        let pairs = self.carries.iter().zip(&all).step_by(2);
-        let compared = pairs.filter_map(|(pair, one)| {
-            let ((factor, left), levels) = (one.exposure()?, one.colour_levels()?);
-            let is_other = factor.ln().abs() >= OTHER_EXPOSURE.ln() && left <= LEFT * levels;
-            Some((pair, factor, is_other))
-        });
-        let compared: Vec<(&(usize, usize), f64, bool)> = compared.collect();
-        let other = compared.iter().filter(|(.., is_other)| *is_other);
-        let count = other.clone().count();
-        let ((a, b), factor, _) = other.max_by(|a, b| a.1.ln().abs().total_cmp(&b.1.ln().abs()))?;
-        Some(format!(
-            "exposure: {count} of {} pairs of neighbouring views differ in exposure, {} and {} by a factor of {factor:.2} in \
-             their levels; methods that keep the source's exposure lose PSNR there, so use pictures of one exposure if there \
-             are any",
-            compared.len(),
-            self.views[*a].id,
-            self.views[*b].id
-        ))
     }
 
     /// Candidate corrections of one view, each with its description.

@@ -73,7 +73,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
         output::remark(format!("warning: {advice}"));
     }
 
-    let built = BuiltList {
+    let built = ListSummary {
         out: out.display().to_string(),
         sha256: &list.sha256,
         options: recipe.options.to_string(),
@@ -88,7 +88,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
 }
 
 #[derive(Serialize)]
-struct BuiltList<'a> {
+struct ListSummary<'a> {
     out: String,
     sha256: &'a str,
     options: String,
@@ -99,7 +99,7 @@ struct BuiltList<'a> {
     datasets: &'a BTreeMap<String, PairCounts>,
 }
 
-impl Display for BuiltList<'_> {
+impl Display for ListSummary<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         for (dataset, counts) in self.datasets {
             writeln!(f, "{}", counted_pairs(dataset, counts))?;

@@ -111,7 +111,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
             write_over_own(out, ours.bytes(), LIST_MARK)?;
             ListCompanion::remove(out)?;
         }
-        read.imported = Some(ImportedPairs {
+        read.imported = Some(ImportSummary {
             absent,
             repeated,
             pairs,
@@ -129,13 +129,13 @@ struct ReadList {
     counts: ForeignCounts,
     /// `None` without datasets.
     #[serde(flatten)]
-    imported: Option<ImportedPairs>,
+    imported: Option<ImportSummary>,
     #[serde(skip)]
     summary: String,
 }
 
 #[derive(Serialize)]
-struct ImportedPairs {
+struct ImportSummary {
     absent: Vec<String>,
     repeated: usize,
     pairs: usize,

@@ -16,7 +16,7 @@ use crate::io::checkpoint::{bundled_weights, find_checkpoint, find_resnet};
 /// Published weights and where they are on this machine.
 #[derive(Serialize)]
 #[serde(untagged)]
-enum Listed {
+enum ListedWeights {
     Backbone {
         name: &'static str,
         address: String,
@@ -48,13 +48,13 @@ enum Listed {
 }
 
 #[derive(Serialize)]
-struct KnownWeights(Vec<Listed>);
+struct KnownWeights(Vec<ListedWeights>);
 
 impl Display for KnownWeights {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let place = |file: &Option<String>| file.clone().unwrap_or_else(|| "missing".to_owned());
         self.0.iter().try_for_each(|listed| match listed {
-            Listed::Backbone {
+            ListedWeights::Backbone {
                 name,
                 address,
                 size_mib,
@@ -68,7 +68,7 @@ impl Display for KnownWeights {
                 place(file),
                 ""
             ),
-            Listed::Bundled {
+            ListedWeights::Bundled {
                 name,
                 description,
                 sha256,
@@ -81,7 +81,7 @@ impl Display for KnownWeights {
                 place(file),
                 ""
             ),
-            Listed::Release {
+            ListedWeights::Release {
                 name,
                 address,
                 licence,
@@ -113,7 +113,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
         let published = Published::of(backbone);
         let kept = weights.source(backbone).map(ToString::to_string);
         let mib = published.size_milli_mib as f64 / 1000.0;
-        entries.push(Listed::Backbone {
+        entries.push(ListedWeights::Backbone {
             name: backbone.name(),
             address: published.address.into_owned(),
             size_mib: mib,
@@ -124,7 +124,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
         });
     }
     let mini = shown(bundled_weights().ok());
-    entries.push(Listed::Bundled {
+    entries.push(ListedWeights::Bundled {
         name: bundled::NAME,
         description: bundled::description()?,
         sha256: bundled::weights_sha256(),
@@ -144,7 +144,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
         let recorded = record_file(release.file).map(|file| record::read(&file));
         let recorded = recorded.transpose()?.flatten();
         let (licence, licence_address) = release.licence;
-        entries.push(Listed::Release {
+        entries.push(ListedWeights::Release {
             name: release.name,
             address: release.published,
             licence,
