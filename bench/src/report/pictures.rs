@@ -24,8 +24,8 @@ use crate::io::view_hashes::lock;
 
 use super::error::MissingPicture;
 
-/// Pictures of records, 8-bit sRGB: source and target from the datasets, predictions from the run folder. A kept file
-/// that differs from the scored picture is not shown but [listed](Self::not_scored).
+/// Pictures of records, 8-bit sRGB: source and target from the datasets, predictions from the run folder. If a kept
+/// file differs from the picture that was scored, it is left out and [listed](Self::not_scored).
 pub struct ReportPictures<'a> {
     results: &'a Results,
     /// Scenes by dataset and id.

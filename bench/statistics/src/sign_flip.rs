@@ -5,7 +5,8 @@ use rayon::prelude::*;
 use crate::clusters::Clusters;
 use crate::resampling::Resampling;
 
-/// Maximum number of clusters whose sign patterns (2¹³) are enumerated rather than sampled.
+/// Maximum number of clusters whose sign patterns are enumerated rather than sampled. A pattern and its negative give one
+/// statistic, so these are 2¹³.
 pub(crate) const MOST_ENUMERATED: usize = 14;
 
 /// Sign-flip test of the clusters' differences. It is exact if each cluster's sum of (difference −

@@ -31,8 +31,8 @@ const QUANTITIES: [Quantity; 3] = [
     }),
 ];
 
-/// If applying the inverse factor to the other views has at most this multiple of the least loss,
-/// those views are reported, too.
+/// A factor of some views is equivalent to its inverse in all others. The others are reported, too, if the loss with them
+/// corrected is at most this multiple of the least loss.
 const AS_GOOD: f64 = 1.1;
 /// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;

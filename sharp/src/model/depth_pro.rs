@@ -164,9 +164,9 @@ impl DepthPro {
     /// estimates the focal length.
     ///
     /// # Errors
-    /// [`ModelError::Image`] if the image has the wrong size or non-finite values, if the focal
-    /// length is not positive, if it is needed because the checkpoint cannot estimate it, or if the
-    /// result is not finite; [`ModelError::Tensor`].
+    /// [`ModelError::Image`] if the image has the wrong size or non-finite values, if the focal length is not positive, if
+    /// none is given and the checkpoint cannot estimate it, or if the result is not finite. [`ModelError::Tensor`] if the
+    /// computation fails.
     pub fn predict(
         &self,
         image: Planes<'_>,

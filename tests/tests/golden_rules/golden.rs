@@ -48,7 +48,7 @@ pub(crate) struct Deviation {
     pub(crate) fragile: f32,
     /// Accumulated depth of pixels that are not fragile; relative above a metre.
     pub(crate) depth: f32,
-    /// Colour alone, of pixels that are not fragile.
+    /// Colour of pixels that are not fragile.
     pub(crate) color: f32,
 }
 

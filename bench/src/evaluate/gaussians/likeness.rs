@@ -24,7 +24,7 @@ const SIGNIFICANCE_FREE: f64 = 2.0;
 const HARDLY: f64 = 1.1;
 /// A picture explains a photograph if it accounts for at least this share of its variance.
 const EXPLAINED: f64 = 0.5;
-/// Minimum ratio between the contrasts of a picture and its photograph that is reported.
+/// The contrasts of a picture and its photograph are reported if one is at least this multiple of the other.
 const OTHER_CONTRAST: f64 = 1.6;
 /// Minimum gain from correcting brightness and contrast, dB.
 const OF_CONTRAST: f64 = 6.0;

@@ -35,9 +35,9 @@ impl Trial<'_> {
         Ok(fit.filter(|fit| fit.is_better_than(as_read) && fit.gain_over(as_read) >= OF_WIDTHS))
     }
 
-    /// A factor of the standard deviations with which Gaussians match far better. Factors below 1 are tried only if the
-    /// rendering is blurred, and the first match is taken: still narrower Gaussians, drawn as mere centres, would
-    /// resemble the source even better.
+    /// The factor that makes the Gaussians match far better if their standard deviations are multiplied by it. Factors
+    /// below 1 are tried only if the rendering is blurred, and the first match is taken: still narrower Gaussians, drawn as
+    /// mere centres, would resemble the source even better.
     pub(in crate::evaluate) fn other_widths(
         &self,
         gaussians: &Gaussians,

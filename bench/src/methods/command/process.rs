@@ -18,7 +18,7 @@ use super::protocol::{VERSION, excerpt, no_answer};
 /// Maximum length of an answer line, bytes.
 const LONGEST_LINE: u64 = 1 << 20;
 
-/// Number of lines buffered. A program that writes further unrequested lines is blocked.
+/// Number of unread answer lines that are buffered. A program that writes more is blocked until they are read.
 const LINES_AHEAD: usize = 2;
 
 /// How long a program may run after its input is closed.

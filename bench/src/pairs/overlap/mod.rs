@@ -72,7 +72,7 @@ pub struct OverlapOptions {
     pub test: OverlapTest,
     pub lookup: DepthLookup,
     pub denominator: Denominator,
-    /// Projects every `stride`-th pixel of every `stride`-th row, starting at `stride / 2`; at least 1.
+    /// Projects every `stride`-th pixel of every `stride`-th row, starting at `stride / 2`. `stride` is at least 1.
     pub stride: u32,
     /// Longer side that depth maps are first reduced to; see [`PosedDepth::reduced`].
     pub max_side: Option<u32>,

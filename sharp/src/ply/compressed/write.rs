@@ -5,7 +5,7 @@ use crate::gaussians::Gaussians;
 use crate::ply::GaussianScene;
 use crate::ply::write::{comments, srgb};
 
-/// Maximum magnitude of a logarithmic scale; larger ones are clamped.
+/// Logarithms of scales are clamped to ± this.
 const MOST_SCALE: f32 = 20.0;
 
 /// Encodes the scene as a compressed PLY, ordered so that neighbouring Gaussians share a chunk.
