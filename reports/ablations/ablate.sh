@@ -5,10 +5,12 @@
 #
 # usage: ablate.sh OUT SEED
 set -euo pipefail
-here=$(cd "$(dirname "$0")" && pwd)
-root=$here/../..
-bench=${SHARP_BENCH:-$root/target/release/sharp-bench}
-out=${1:?usage: ablate.sh OUT SEED} seed=${2:?usage: ablate.sh OUT SEED} steps=600 methods=()
+usage="usage: ablate.sh OUT SEED"
+out=$(realpath -m "${1:?$usage}") seed=${2:?$usage} steps=600 methods=()
+bench=$(realpath "${SHARP_BENCH:-$(dirname "$0")/../../target/release/sharp-bench}")
+# Paths in the configurations are relative to the root.
+cd "$(dirname "$0")/../.."
+root=$PWD
 mkdir -p "$out"
 sed 's/"img_size": 96/"img_size": 48/; s/"internal_resolution": 384/"internal_resolution": 192/' \
     "$root/sharp/mini/mini-384.json" >"$out/stride2.json"

@@ -8,8 +8,8 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use sharp_datasets::{DatasetError, DatasetSpec};
 
-use crate::pairs::PairError;
 use crate::pairs::frame::Frame;
+use crate::pairs::{PairError, PairOptions};
 
 /// Prefix that distinguishes a dataset's pair options from its reader settings.
 const PAIR_OPTION: &str = "pairs.";
@@ -120,7 +120,16 @@ impl FromStr for DatasetConfig {
                         pairs.overlap_checkpoint.replace(value.into()).is_some()
                     }
                     "overlap-config" => pairs.overlap_config.replace(value).is_some(),
-                    _ => pairs.options.insert(key.to_owned(), value).is_some(),
+                    _ => {
+                        let set = PairOptions::default().set(key, &value);
+                        set.map_err(|error| match error {
+                            PairError::Options(reason) => {
+                                refused(format!("{PAIR_OPTION}{key}: {reason}"))
+                            }
+                            other => other,
+                        })?;
+                        pairs.options.insert(key.to_owned(), value).is_some()
+                    }
                 };
                 if is_repeated {
                     return Err(refused(format!("'{PAIR_OPTION}{key}' is given twice")));
@@ -203,6 +212,8 @@ mod tests {
             ("synthetic,frame=width:9:area,frame=width:9:area", "twice"),
             ("synthetic,pairs.order=once,pairs.order=both", "twice"),
             ("synthetic,pairs.order", "key=value"),
+            ("synthetic,pairs.colour=blue", "unknown key 'colour'"),
+            ("synthetic,pairs.order=never", "order=never: "),
             ("synthetic,colour=blue", "no setting 'colour'"),
         ] {
             let error = text.parse::<DatasetConfig>().unwrap_err().to_string();

@@ -251,7 +251,11 @@ impl PairOptions {
         Ok(())
     }
 
-    fn set(&mut self, key: &str, value: &str) -> Result<(), PairError> {
+    /// Changes one option.
+    ///
+    /// # Errors
+    /// [`PairError::Options`] for an unknown key or a value that the key does not take.
+    pub fn set(&mut self, key: &str, value: &str) -> Result<(), PairError> {
         let mut choices = self.choices();
         let Some((_, choice)) = choices.iter_mut().find(|(name, _)| *name == key) else {
             let known = nearest_of(key, &choices.map(|(name, _)| name));
