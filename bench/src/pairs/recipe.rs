@@ -412,7 +412,7 @@ mod tests {
             (None, Some("d.pt".into()))
         );
         for wrong in [
-            ",pairs.bogus=1",
+            ",pairs.size=1",
             ",pairs.overlap=depth-pro",
             ",pairs.overlap=sharp-release,pairs.overlap-depth=x",
         ] {
