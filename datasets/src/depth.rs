@@ -121,7 +121,7 @@ const MOSTLY: u64 = 20;
 const VALUES: usize = 8;
 
 /// Up to one disparity in this many may be behind the cameras due to noise.
-const MOST_BEHIND: u64 = 20;
+const MAX_BEHIND: u64 = 20;
 
 /// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
 #[derive(Debug, Clone, Copy)]
@@ -196,7 +196,7 @@ impl StereoGeometry {
         }
         let is_behind = |d: &&f32| **d > 0.0 && f64::from(**d) + self.doffs <= 0.0;
         let behind = disparity.iter().filter(is_behind).count() as u64;
-        if sane > 0 && behind * MOST_BEHIND > sane {
+        if sane > 0 && behind * MAX_BEHIND > sane {
             return Err(DatasetError::malformed(
                 path,
                 format!(

@@ -49,9 +49,9 @@ impl MaskFile {
 }
 
 /// Minimum fraction of a mask's pixels that have the level of an object.
-const LEAST_LABELLED: f64 = 0.01;
+const MIN_LABELLED: f64 = 0.01;
 /// Minimum fraction of the pixels between black and white that lie in areas of one level.
-const LEAST_FLAT: f64 = 0.8;
+const MIN_FLAT: f64 = 0.8;
 
 /// The first few levels of a map of objects or classes, which has three or more levels in uniform areas. `None` for a
 /// mask, even if it was blurred or stored as JPEG.
@@ -71,10 +71,10 @@ pub(crate) fn labels(mask: &GrayImage) -> Option<String> {
             }
         }
     }
-    let least = LEAST_LABELLED * mask.len() as f64;
+    let least = MIN_LABELLED * mask.len() as f64;
     let levels = (0..256).filter(|level| counts[*level] as f64 >= least);
     let levels: Vec<String> = levels.map(|level| level.to_string()).collect();
-    let is_map = levels.len() >= 3 && grey > 0 && flat as f64 >= LEAST_FLAT * f64::from(grey);
+    let is_map = levels.len() >= 3 && grey > 0 && flat as f64 >= MIN_FLAT * f64::from(grey);
     is_map.then(|| first_few(&levels))
 }
 

@@ -25,10 +25,10 @@ const DEEP: usize = 4;
 /// refused when they are read.
 const UNSCALED: std::ops::RangeInclusive<u8> = 16..=64;
 /// Minimum fraction of the pixels that a plausible mask keeps: most masks exclude a person, a sky or a logo.
-const LEAST_LEFT: f64 = 0.2;
+const MIN_LEFT: f64 = 0.2;
 
 /// Maximum fraction of pixels that are neither black nor white; masks with more are reported.
-const MOST_GREY: f64 = 0.005;
+const MAX_GREY: f64 = 0.005;
 
 /// A note on masks next to the pictures that are not read; `hint` explains how to read them.
 pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
@@ -145,7 +145,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
     let percent = 100.0 * left;
     match spec.setting("masks") {
         _ if shares.is_empty() => {}
-        "apply" if left < LEAST_LEFT => scene.warnings.push(format!(
+        "apply" if left < MIN_LEFT => scene.warnings.push(format!(
             "masks: on average they leave {percent:.1} % of the pixels; if black marks the pixels to \
              keep, set masks=keep-black (masks=keep-white: the same reading without this warning)"
         )),
@@ -171,7 +171,7 @@ fn grey_masks(masked: &[&View]) -> Option<String> {
         grey.count() as f64 / mask.len().max(1) as f64
     });
     let share = shares.sum::<f64>() / masks.len().max(1) as f64;
-    (share > MOST_GREY).then(|| {
+    (share > MAX_GREY).then(|| {
         let cause = match masks.iter().find_map(labels) {
             Some(labels) => format!("with areas of the levels {labels} like a map of objects"),
             None => "stored as JPEG, or resized?".to_owned(),

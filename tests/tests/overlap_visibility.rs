@@ -11,7 +11,7 @@ use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 
 /// Maximum shortfall of the default definition from exact visibility: the largest of six pairs of
 /// an independent scene, measured in numpy.
-const MOST_BELOW: f64 = 0.017;
+const MAX_BELOW: f64 = 0.017;
 
 fn scene(width: u32, height: u32) -> SyntheticScene {
     SyntheticScene::new(SyntheticOptions {
@@ -51,7 +51,7 @@ fn the_default_lies_just_below_exact_visibility_for_every_pair() {
     };
     let differences: Vec<f64> = build.pairs.iter().map(below).collect();
     for (pair, &d) in build.pairs.iter().zip(&differences) {
-        assert!((0.0..=MOST_BELOW).contains(&d), "{}: {d}", pair.pair_id);
+        assert!((0.0..=MAX_BELOW).contains(&d), "{}: {d}", pair.pair_id);
     }
     let mean = differences.iter().sum::<f64>() / 90.0;
     assert!((0.001..=0.01).contains(&mean), "mean {mean}");
@@ -73,7 +73,7 @@ fn the_other_column_is_the_other_direction() {
         let found = pair.overlap_source_to_target.unwrap();
         // Half the resolution doubles the discretisation error.
         assert!(
-            (0.0..=2.0 * MOST_BELOW).contains(&(exact - found)),
+            (0.0..=2.0 * MAX_BELOW).contains(&(exact - found)),
             "{}: {exact} {found}",
             pair.pair_id
         );
@@ -94,7 +94,7 @@ fn pairs_are_those_that_exact_visibility_would_select_but_for_the_shortfall() {
                 .any(|p| index(&p.source) == source && index(&p.target) == target);
             if source == target || exact <= options.threshold {
                 assert!(!listed, "{source} {target}: {exact}");
-            } else if exact > options.threshold + MOST_BELOW {
+            } else if exact > options.threshold + MAX_BELOW {
                 assert!(listed, "{source} {target}: {exact}");
             }
         }

@@ -41,7 +41,7 @@ const PRINT_ROOM: f64 = 0.96;
 /// Preferred minimum panel width in print.
 const NARROWEST: f64 = 170.0;
 /// Minimum panel width; below it the numbers of an axis overlap.
-const LEAST: f64 = 130.0;
+const MIN_WIDTH: f64 = 130.0;
 /// Height of the strip of sample counts.
 const COUNT_STRIP: f64 = 30.0;
 /// Font size of sample counts.
@@ -153,8 +153,8 @@ pub fn figure(
         ""
     };
     let mut layout = PanelLayout::new(panels.len(), &labels, caption, print);
-    if let Some(style) = print.filter(|_| layout.panel.0 < LEAST) {
-        let times = 1.0 + (LEAST - layout.panel.0) / style.units();
+    if let Some(style) = print.filter(|_| layout.panel.0 < MIN_WIDTH) {
+        let times = 1.0 + (MIN_WIDTH - layout.panel.0) / style.units();
         return Err(PlotError::new(title, style.narrow(times)));
     }
     if panels.iter().any(|panel| !panel.frame.counts.is_empty()) {

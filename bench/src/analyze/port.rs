@@ -26,7 +26,7 @@ const MUCH_LESS: f64 = 10.0;
 /// Median differences below this, per cent, need no explanation.
 const NEGLIGIBLE: f64 = 0.1;
 /// Minimum common shift of all Gaussians that is reported as a cause, pixels.
-const LEAST_SHIFT: f64 = 0.05;
+const MIN_SHIFT: f64 = 0.05;
 /// Side of a cell of the neighbour search, pixels.
 const CELL: f64 = 4.0;
 /// Weight of a relative difference in depth, pixels: 1 % of depth counts as one pixel.
@@ -306,7 +306,7 @@ impl Pair<'_> {
             let all = by(axis);
             let middle = median(all.iter().copied());
             let around = median(all.iter().map(|by| (by - middle).abs()));
-            let is_one = middle.abs() > LEAST_SHIFT && around * MUCH_LESS < middle.abs();
+            let is_one = middle.abs() > MIN_SHIFT && around * MUCH_LESS < middle.abs();
             if is_one {
                 (middle * 1000.0).round() / 1000.0
             } else {

@@ -18,7 +18,7 @@ const UNLIKELY_SCALE: f64 = 10.0;
 const FEWEST_SOURCES: usize = 4;
 /// Minimum gap in PSNR between wrong sources and the others, dB: the gain of explaining half of a photograph's variance
 /// over explaining none of it.
-const LEAST_GAP: f64 = 6.0;
+const MIN_GAP: f64 = 6.0;
 /// Minimum ratio of the gap to the distance between the worst and the median of the other sources. A larger ratio is
 /// rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
@@ -26,7 +26,7 @@ const GAP_SIGNIFICANCE: f64 = 2.0;
 /// colour, for a photograph with a contrast of 45 levels.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
 /// Maximum number of sources that a sentence names; it counts the rest.
-const MOST_NAMED: usize = 8;
+const MAX_NAMED: usize = 8;
 
 /// Extras of methods that state their training views: 1 if the pair's source (first) or target (second) is one of them.
 pub(super) const TRAINED_ON: [&str; 2] = ["source_trained_on", "target_trained_on"];
@@ -123,7 +123,7 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     let gap = |at: usize| psnr(at) - psnr(at - 1);
     let at = (1..=n / 2).max_by(|a, b| gap(*a).total_cmp(&gap(*b)))?;
     let below_middle = psnr(at + (n - at) / 2) - psnr(at);
-    let is_apart = gap(at) >= LEAST_GAP.max(GAP_SIGNIFICANCE * below_middle);
+    let is_apart = gap(at) >= MIN_GAP.max(GAP_SIGNIFICANCE * below_middle);
     (n >= FEWEST_SOURCES && is_apart && psnr(at - 1) <= most).then(|| {
         let others = sources.split_off(at);
         [sources, others]
@@ -179,11 +179,11 @@ fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<Stri
 
 /// The names in order, shortened if there are many.
 pub(super) fn listed(names: BTreeSet<&str>) -> String {
-    let more = match names.len().saturating_sub(MOST_NAMED) {
+    let more = match names.len().saturating_sub(MAX_NAMED) {
         0 => String::new(),
         more => format!(" and {more} more"),
     };
-    let first: Vec<&str> = names.into_iter().take(MOST_NAMED).collect();
+    let first: Vec<&str> = names.into_iter().take(MAX_NAMED).collect();
     first.join(", ") + &more
 }
 

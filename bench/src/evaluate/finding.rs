@@ -364,26 +364,26 @@ impl Framing {
     /// Maximum differences in zoom, roll and shift between framings that share a cause; larger for large zooms.
     const UNEVEN: [i16; 3] = [25, 700, 4];
     /// Minimum differences in zoom, roll and shift that count as wrong.
-    const LEAST: [i16; 3] = [15, 700, 5];
+    const MIN_FRAMING: [i16; 3] = [15, 700, 5];
     /// Minimum distortion that counts as wrong, and maximum difference of distortions with one cause, or, if larger, a
     /// quarter of it.
-    const LEAST_LENS: i16 = 40;
+    const MIN_LENS: i16 = 40;
     const UNEVEN_LENS: i16 = 30;
 
     fn is_distorted(self) -> bool {
-        self.lens.abs() >= Self::LEAST_LENS
+        self.lens.abs() >= Self::MIN_LENS
     }
 
     fn is_zoomed(self) -> bool {
-        (self.zoom - 1000).abs() >= Self::LEAST[0]
+        (self.zoom - 1000).abs() >= Self::MIN_FRAMING[0]
     }
 
     fn is_rolled(self) -> bool {
-        self.roll.abs() >= self.coarser() * Self::LEAST[1]
+        self.roll.abs() >= self.coarser() * Self::MIN_FRAMING[1]
     }
 
     fn is_shifted(self) -> bool {
-        let least = self.coarser() * Self::LEAST[2];
+        let least = self.coarser() * Self::MIN_FRAMING[2];
         self.shift.iter().any(|by| by.abs() >= least)
     }
 

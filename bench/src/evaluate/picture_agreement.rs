@@ -25,7 +25,7 @@ const REPEATED: usize = 3;
 /// Maximum difference of equal strips: thousandths of the height, or, if larger, a share of their thickness.
 const UNEVEN: (f64, f64) = (8.0, 0.1);
 /// Minimum difference of the gains of levels that were stretched one by one, percent. Equal gains are an exposure.
-const LEAST_SPREAD: i16 = 5;
+const MIN_SPREAD: i16 = 5;
 
 /// Sentences for each dataset: see [`agreed_changes`]. In `reframed` datasets, crops are explained by the camera.
 pub(super) fn changed_pictures<'a>(
@@ -112,7 +112,7 @@ fn agreeing(changes: &[PictureChange]) -> usize {
         _ => None,
     });
     match (gains.clone().min(), gains.max()) {
-        (Some(least), Some(most)) if most - least < LEAST_SPREAD => 0,
+        (Some(least), Some(most)) if most - least < MIN_SPREAD => 0,
         _ => changes.len(),
     }
 }

@@ -23,19 +23,19 @@ use crate::scoring::Region;
 /// Maximum width compared, pixels.
 const WIDTH: u32 = 160;
 /// Minimum gain from undoing a mirroring or rotation, dB.
-const LEAST_GAIN: f64 = 1.0;
+const MIN_GAIN: f64 = 1.0;
 /// Minimum gain for exchanged channels, which hardly change brightness, dB.
-const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
+const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
 /// Minimum gain for another transfer function, dB: linear light stored as sRGB loses far more, other exposures less.
-const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
+const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
 /// Minimum gain of sorted levels at which another transfer function need not fit them better than any exposure, dB: poor
 /// predictions do not have their photographs' levels.
-const LEAST_GAIN_BY_RANK: f64 = 8.0;
+const MIN_GAIN_BY_RANK: f64 = 8.0;
 /// Minimum gain for another range of levels, which other exposures resemble, dB.
-const LEAST_GAIN_OF_RANGE: f64 = 1.5;
+const MIN_GAIN_OF_RANGE: f64 = 1.5;
 /// Maximum PSNR at which other colour spaces are tried, dB: pictures stored in one have 8 to 13. Skipping the rest saves
 /// time.
-const MOST_OF_SPACES: f64 = 20.0;
+const MAX_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end, because ringing of JPEG and of resampling exceeds it.
 const BEYOND_ENDS: f64 = 0.002;
 /// Below this correlation with the photograph, red and blue are exchanged (for their difference) or the picture is a
@@ -159,7 +159,7 @@ fn undone_change(
         (fit.explained() >= EXPLAINED && fit.gain_over(&as_read) >= gain).then_some(fit)
     };
     let moved =
-        |changed: &RgbImage| nearer(changed, LEAST_GAIN).filter(|fit| fit.is_closer_than(&as_read));
+        |changed: &RgbImage| nearer(changed, MIN_GAIN).filter(|fit| fit.is_closer_than(&as_read));
     let turned = |by: fn(&RgbImage) -> RgbImage| {
         let is_square = width == height;
         is_square.then(|| moved(&by(shown))).flatten()
@@ -170,10 +170,10 @@ fn undone_change(
         // Levels sorted by rank are independent of position: another exposure would fit them by brightness and
         // contrast.
         let by_rank = |of: &RgbImage| Likeness::of(&ranked(seen), whole, &ranked(of));
-        let fit = nearer(&changed, LEAST_GAIN_OF_TRANSFER);
+        let fit = nearer(&changed, MIN_GAIN_OF_TRANSFER);
         fit.filter(|_| {
             let (before, after) = (by_rank(shown), by_rank(&changed));
-            let is_far_nearer = after.gain_over(&before) >= LEAST_GAIN_BY_RANK;
+            let is_far_nearer = after.gain_over(&before) >= MIN_GAIN_BY_RANK;
             after.is_nearer_than_exposed(&before) || is_far_nearer && after.is_closer_than(&before)
         })
     };
@@ -189,7 +189,7 @@ fn undone_change(
         // The conversion saturates outside 0..255.
         let (before, after) = (lit(&|v| v), lit(&|v| undo(f32::from(v)).round() as u8));
         let is_right = after.explained() >= EXPLAINED
-            && after.gain_over(&before) >= LEAST_GAIN_OF_RANGE
+            && after.gain_over(&before) >= MIN_GAIN_OF_RANGE
             && after.is_nearer_than(&before)
             && (is_bound || after.is_as_near_as_exposed(&before));
         is_right.then_some(after)
@@ -199,11 +199,11 @@ fn undone_change(
         color.map(|v| ((f32::from(v) - 16.0) * 255.0 / 219.0).round() as u8)
     });
     let full = is_limited(seen, shown, ends).then(|| fit(&full));
-    let is_far = as_read.psnr() < MOST_OF_SPACES;
+    let is_far = as_read.psnr() < MAX_OF_SPACES;
     let spaces = OTHER_SPACES.into_iter().filter(|_| is_far);
     let other_spaces = spaces.map(|(change, to_rgb, order)| {
         let rgb = mapped(shown, |color| to_rgb(order.map(|channel| color[channel])));
-        let fit = nearer(&rgb, LEAST_GAIN_OF_TRANSFER);
+        let fit = nearer(&rgb, MIN_GAIN_OF_TRANSFER);
         (
             change,
             fit.filter(|fit| fit.is_nearer_than_exposed(&as_read)),
@@ -211,12 +211,12 @@ fn undone_change(
     });
     let exchanged = PERMUTATIONS.map(|(change, order)| {
         let permuted = mapped(shown, |color| order.map(|channel| color[channel]));
-        (change, nearer(&permuted, LEAST_GAIN_OF_CHANNELS))
+        (change, nearer(&permuted, MIN_GAIN_OF_CHANNELS))
     });
     let tint = |of: &RgbImage| mapped(of, |[r, _, b]| [128 - b / 2 + r / 2; 3]);
     let tints = Likeness::of(&tint(seen), whole, &tint(shown)).correlation();
     let exchanged = exchanged.map(|(change, fit)| (change, fit.filter(|_| tints < OPPOSED)));
-    let negative = nearer(&inverted(shown), LEAST_GAIN);
+    let negative = nearer(&inverted(shown), MIN_GAIN);
     let negative = negative.filter(|_| as_read.correlation() < OPPOSED);
     let all = [
         (PictureChange::Negative, negative),

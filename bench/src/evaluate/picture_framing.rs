@@ -9,7 +9,7 @@ use image::{Rgb, RgbImage};
 use sharp::camera::Intrinsics;
 
 use super::finding::Framing;
-use super::picture_motion::{HALF, LEAST_CONTRAST, correlation, patch};
+use super::picture_motion::{HALF, MIN_CONTRAST, correlation, patch};
 
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [12, 8];
@@ -22,7 +22,7 @@ const REFINED: i32 = 2;
 /// Minimum correlation of a block with its place in the picture, and how much lower it must be elsewhere.
 const FOUND: (f64, f64) = (0.7, 0.05);
 /// Minimum number of blocks found, and their minimum share.
-const LEAST_FOUND: (usize, f64) = (12, 0.15);
+const MIN_FOUND: (usize, f64) = (12, 0.15);
 /// Number of reweighted least-squares steps.
 const STEPS: usize = 12;
 /// Weight of the prior for an unchanged framing, in blocks.
@@ -39,7 +39,7 @@ const REPEATED: usize = 4;
 /// Zooms that are undone if too few blocks are found.
 const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
 /// Larger distances count as this one, pixels.
-const MOST: f64 = 3.0;
+const MAX_DISTANCE: f64 = 3.0;
 
 /// Measures how a picture frames its target; `None` if the framing is correct or cannot be measured. Picture and
 /// target's photograph are shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is
@@ -135,7 +135,7 @@ fn blocks_of(target: &RgbImage) -> Vec<DVec2> {
         )
     });
     let blocks = centres.filter_map(|centre| {
-        let has_contrast = patch(target, centre)?.1 >= LEAST_CONTRAST;
+        let has_contrast = patch(target, centre)?.1 >= MIN_CONTRAST;
         has_contrast.then_some(centre)
     });
     blocks.collect()
@@ -168,8 +168,8 @@ impl FramedTarget<'_> {
             1.0 => self.lines(shown),
             _ => self.lines(&self.resampled(shown, zoom)),
         };
-        let has_enough = lines.len() >= LEAST_FOUND.0
-            && lines.len() as f64 >= LEAST_FOUND.1 * self.blocks.len() as f64;
+        let has_enough = lines.len() >= MIN_FOUND.0
+            && lines.len() as f64 >= MIN_FOUND.1 * self.blocks.len() as f64;
         let fit = has_enough.then(|| fitted(&lines)).flatten();
         Measured { zoom, lines, fit }
     }
@@ -250,7 +250,7 @@ impl FramedTarget<'_> {
 fn off(lines: &[Line], moved: impl Fn(&DVec4) -> f64) -> f64 {
     let all = lines
         .iter()
-        .map(|(row, off)| (off - moved(row)).abs().min(MOST));
+        .map(|(row, off)| (off - moved(row)).abs().min(MAX_DISTANCE));
     all.sum::<f64>() / lines.len() as f64
 }
 

@@ -17,13 +17,13 @@ const MISSING: u32 = 5;
 /// Maximum difference in thickness of two bars, pixels.
 const UNEVEN: u32 = 2;
 /// Neighbouring rows of interlaced pictures differ more than rows two apart, by this factor.
-const LEAST_STEPS: f64 = 1.2;
+const MIN_STEPS: f64 = 1.2;
 /// In other pictures, and among columns, they differ at most by this factor.
-const MOST_STEPS: f64 = 1.05;
+const MAX_STEPS: f64 = 1.05;
 /// Share of the lines that are equal to the line before in pictures enlarged by 1.3 to 16 times, and maximum number of
 /// them in succession.
 const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;
-const MOST_REPEATED: usize = 15;
+const MAX_REPEATED: usize = 15;
 /// Maximum size of the central part in which steps are measured, pixels.
 const STEPS_WITHIN: u32 = 256;
 
@@ -50,9 +50,9 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     if let Some(thickness) = strip(&rows, &columns) {
         return Some(PictureChange::Strip(thickness));
     }
-    let is_interlaced = steps(picture, true) > LEAST_STEPS
-        && steps(picture, false) < MOST_STEPS
-        && steps(photograph, true) < MOST_STEPS;
+    let is_interlaced = steps(picture, true) > MIN_STEPS
+        && steps(picture, false) < MAX_STEPS
+        && steps(photograph, true) < MAX_STEPS;
     if is_interlaced {
         return Some(PictureChange::Interlaced);
     }
@@ -62,7 +62,7 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     is_change.then_some(PictureChange::Blocks)
 }
 
-/// The share of the rows (or columns) that are equal to the one before. 1 if more than `MOST_REPEATED` in
+/// The share of the rows (or columns) that are equal to the one before. 1 if more than `MAX_REPEATED` in
 /// succession are, as in bars.
 fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     let (width, height) = picture.dimensions();
@@ -71,7 +71,7 @@ fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     let equal: Vec<bool> = (1..all).map(|at| is_equal(&at)).collect();
     if equal
         .chunk_by(|a, b| a == b)
-        .any(|run| run[0] && run.len() > MOST_REPEATED)
+        .any(|run| run[0] && run.len() > MAX_REPEATED)
     {
         return 1.0;
     }

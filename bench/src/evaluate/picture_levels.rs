@@ -20,11 +20,11 @@ const SAMPLES: u32 = 32_768;
 /// Share of a stretched picture's levels at each end, beyond that of the photograph.
 const ENDS: f64 = 2e-4;
 /// Minimum gain in contrast of a stretched picture.
-const LEAST_STRETCH: f64 = 1.04;
+const MIN_STRETCH: f64 = 1.04;
 /// Maximum difference of the photograph's range, stretched as the picture was, from 0..255 at either end, levels.
 const OFF_ENDS: f64 = 30.0;
 /// Minimum mean difference of a coloured photograph's channels, levels.
-const LEAST_COLOUR: usize = 8;
+const MIN_COLOUR: usize = 8;
 /// The correlation of neighbouring pixels is below the first in noise, and above the second in photographs.
 const NOISE: [f64; 2] = [0.1, 0.5];
 /// ImageNet's mean and standard deviation of red, green and blue, 0..1.
@@ -133,7 +133,7 @@ pub(super) fn stretching(
     let lowest = seen.iter().min().map(|v| f64::from(*v))?;
     let highest = seen.iter().max().map(|v| f64::from(*v))?;
     let is_range = |(gain, black): &(f64, f64)| {
-        *gain >= LEAST_STRETCH
+        *gain >= MIN_STRETCH
             && (black + gain * lowest).abs() <= OFF_ENDS
             && (black + gain * highest - 255.0).abs() <= OFF_ENDS
     };
@@ -147,7 +147,7 @@ pub(super) fn stretching(
 pub(super) fn is_grey(seen: &RgbImage, picture: &RgbImage) -> bool {
     let range = |[r, g, b]: [u8; 3]| usize::from(r.max(g).max(b) - r.min(g).min(b));
     let colours: usize = seen.pixels().map(|pixel| range(pixel.0)).sum();
-    colours >= LEAST_COLOUR * seen.pixels().len()
+    colours >= MIN_COLOUR * seen.pixels().len()
         && picture.pixels().all(|pixel| range(pixel.0) == 0)
         && !is_uniform(picture)
 }
@@ -157,7 +157,7 @@ pub(super) fn has_equal_channels(seen: &RgbImage, picture: &RgbImage) -> bool {
     let is_any = [(0, 1), (1, 2), (0, 2)].into_iter().any(|(a, b)| {
         let off = |pixel: &Rgb<u8>| usize::from(pixel.0[a].abs_diff(pixel.0[b]));
         picture.pixels().all(|pixel| off(pixel) == 0)
-            && seen.pixels().map(off).sum::<usize>() >= LEAST_COLOUR * seen.pixels().len()
+            && seen.pixels().map(off).sum::<usize>() >= MIN_COLOUR * seen.pixels().len()
     });
     is_any && !is_uniform(picture)
 }

@@ -18,7 +18,7 @@ pub(super) const AREA: usize = (2 * HALF as usize + 1).pow(2);
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [14, 10];
 /// Minimum standard deviation of a block, levels.
-pub(super) const LEAST_CONTRAST: f64 = 6.0;
+pub(super) const MIN_CONTRAST: f64 = 6.0;
 /// Share of the width to which the search extends along an epipolar line.
 const REACH: f64 = 0.4;
 /// Minimum correlation of a block with its place in the target's photograph and in the picture, and how much lower the
@@ -26,26 +26,26 @@ const REACH: f64 = 0.4;
 const IN_TARGET: (f64, f64) = (0.8, 0.1);
 const IN_PICTURE: (f64, f64) = (0.7, 0.05);
 /// Minimum gain in correlation over the true place.
-const LEAST_GAIN: f64 = 0.1;
+const MIN_GAIN: f64 = 0.1;
 /// Minimum number of blocks, and the share that must be found in the picture.
 const FOUND: (usize, f64) = (8, 0.4);
 /// Minimum true motion of a compared block, pixels.
-const LEAST_MOTION: f64 = 3.0;
+const MIN_MOTION: f64 = 3.0;
 /// Share of the blocks that must agree with a multiple of the motion, share that must contradict the true motion, and
 /// share that must agree with a misread pose.
 const AGREEING: f64 = 0.6;
 const CONTRADICTING: f64 = 0.5;
-const OF_POSE: f64 = 0.5;
+const MIN_POSE_SHARE: f64 = 0.5;
 /// Number of misread poses that are tried, including the source's own.
 const CANDIDATES: usize = 10;
 /// Maximum share of the blocks that a multiple of the motion or the source's view explains, relative to an ignored
 /// rotation or a reversed axis.
-const OF_SIMPLER: f64 = 0.75;
+const MAX_SIMPLER_SHARE: f64 = 0.75;
 /// Below this percentage of the true motion, the share of the blocks that must agree: blends of the source with a
 /// prediction partly show the source.
 const STILL: (i16, f64) = (20, 0.8);
 /// Minimum rotation at which the inverse pose is distinguished from a negated translation, degrees.
-const LEAST_TURN: f64 = 0.5;
+const MIN_TURN: f64 = 0.5;
 /// Share of a translation from which it is along one axis.
 const ALONG_AXIS: f64 = 0.97;
 /// Maximum distance from an expected place: pixels, or, if larger, a share of the motion.
@@ -159,7 +159,7 @@ pub(super) fn shown_camera(
     let simple = motion
         .map_or(0.0, |(_, share)| share)
         .max(shares[CANDIDATES - 1]);
-    let is_turned = target_from_source.rotation_deg() >= LEAST_TURN;
+    let is_turned = target_from_source.rotation_deg() >= MIN_TURN;
     let poses = misread
         .iter()
         .zip(shares)
@@ -174,11 +174,15 @@ pub(super) fn shown_camera(
             {
                 false
             }
-            ShownCamera::NoRotation | ShownCamera::Reversed(_) => simple <= OF_SIMPLER * share,
+            ShownCamera::NoRotation | ShownCamera::Reversed(_) => {
+                simple <= MAX_SIMPLER_SHARE * share
+            }
             _ => true,
         });
     let poses = poses.map(|((cause, ..), share)| (*cause, share));
-    let causes = poses.filter(|(_, share)| *share >= OF_POSE).chain(motion);
+    let causes = poses
+        .filter(|(_, share)| *share >= MIN_POSE_SHARE)
+        .chain(motion);
     let best = causes.max_by(|a, b| a.1.total_cmp(&b.1));
     MeasuredMotion {
         camera: best.map(|(cause, _)| cause),
@@ -222,7 +226,7 @@ impl Search<'_> {
         let velocity = (self.own.place(ray, tiny)? - infinity) / tiny;
         // A step is one pixel at infinite depth.
         let step = velocity.length().recip();
-        if contrast < LEAST_CONTRAST || !step.is_finite() {
+        if contrast < MIN_CONTRAST || !step.is_finite() {
             return None;
         }
         let likeness = |picture: &RgbImage, place: DVec2| correlation(&block, picture, place);
@@ -250,13 +254,13 @@ impl Search<'_> {
         let direction = velocity * step;
         Some(Block {
             own: f64::from(at),
-            is_moving: f64::from(at) >= LEAST_MOTION,
-            found: found.map(|(k, like)| (f64::from(k), like - as_true >= LEAST_GAIN)),
+            is_moving: f64::from(at) >= MIN_MOTION,
+            found: found.map(|(k, like)| (f64::from(k), like - as_true >= MIN_GAIN)),
             home: (home.perp_dot(direction).abs() <= 1.5).then(|| home.dot(direction)),
             is_masked: along(at).is_some_and(|place| is_masked(self.shown, place)),
             misread: self.misread.map(|camera| {
                 let like = nearby(camera.place(ray, f64::from(at) * step)?)?;
-                Some(like >= IN_PICTURE.0 && like - as_true >= LEAST_GAIN)
+                Some(like >= IN_PICTURE.0 && like - as_true >= MIN_GAIN)
             }),
         })
     }
@@ -279,7 +283,7 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
             let start = start(block)?;
             Some([block.own - start, at - start])
         });
-        let moves: Vec<[f64; 2]> = moves.filter(|[own, _]| own.abs() >= LEAST_MOTION).collect();
+        let moves: Vec<[f64; 2]> = moves.filter(|[own, _]| own.abs() >= MIN_MOTION).collect();
         let mut factors: Vec<f64> = moves.iter().map(|[own, shown]| shown / own).collect();
         factors.sort_by(f64::total_cmp);
         let factor = *factors

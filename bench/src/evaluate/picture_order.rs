@@ -30,7 +30,7 @@ const OTHERS: usize = 12;
 /// Minimum number of pictures in a dataset that must show other targets.
 const FEWEST: usize = 3;
 /// Minimum gain of another target, dB.
-const LEAST_GAIN: f64 = 2.0;
+const MIN_GAIN: f64 = 2.0;
 /// Minimum PSNR of the source's photograph stored as JPEG, dB, and minimum gain over the target. Only copies reach both.
 const COPY: (f64, f64) = (40.0, 10.0);
 
@@ -194,7 +194,7 @@ pub(crate) fn shown_target(
     for (place, seen) in others {
         let other = fit(&seen, shown);
         if other.is_better_than(&own)
-            && other.gain_over(&own) >= LEAST_GAIN
+            && other.gain_over(&own) >= MIN_GAIN
             && source.is_none_or(|source| other.is_closer_than(&fit(&seen, source)))
             && best.as_ref().is_none_or(|(_, b)| other.error() < b.error())
         {

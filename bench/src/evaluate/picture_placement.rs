@@ -24,9 +24,9 @@ const RESIZED: f64 = 0.018;
 /// Maximum offset of an edge that has stayed in place, in sizes of the picture.
 const UNMOVED: f64 = 0.009;
 /// Minimum gain by another place, dB.
-const OF_PLACE: f64 = 1.5;
+const MIN_PLACE_GAIN_DB: f64 = 1.5;
 /// Minimum gain by panels, dB.
-const OF_PANELS: f64 = 3.0;
+const MIN_PANEL_GAIN_DB: f64 = 3.0;
 
 /// Whether a picture shows the photograph in panels, or all of it at another size. Both are shrunk to the same size.
 pub(super) fn placement_change(seen: &RgbImage, shown: &RgbImage) -> Option<PictureChange> {
@@ -55,7 +55,8 @@ fn has_panels(seen: &RgbImage, shown: &RgbImage) -> bool {
                 let panel = part(shown);
                 let [as_panel, as_read] =
                     [squeezed.clone(), part(seen)].map(|seen| Likeness::of(&seen, whole, &panel));
-                as_panel.is_better_than(&as_read) && as_panel.gain_over(&as_read) >= OF_PANELS
+                as_panel.is_better_than(&as_read)
+                    && as_panel.gain_over(&as_read) >= MIN_PANEL_GAIN_DB
             })
         })
 }
@@ -139,7 +140,7 @@ impl Place {
             }
         }
         let [placed, as_read] = [placed, as_read].map(|seen| Likeness::of(&seen, whole, shown));
-        placed.is_better_than(&as_read) && placed.gain_over(&as_read) >= OF_PLACE
+        placed.is_better_than(&as_read) && placed.gain_over(&as_read) >= MIN_PLACE_GAIN_DB
     }
 
     /// Padding makes the photograph smaller, a crop makes it larger: along one axis, or padding at the right and at the

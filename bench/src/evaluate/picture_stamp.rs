@@ -23,7 +23,7 @@ const TARGETS_DIFFER: f64 = 8.0;
 /// Minimum number of cells, and minimum share of the rectangle around them: other faults are scattered.
 const CELLS: (usize, f64) = (8, 0.4);
 /// Maximum share of all cells: pictures that are wrong everywhere have another cause.
-const MOST: f64 = 0.5;
+const MAX_SHARE: f64 = 0.5;
 /// Minimum contrast of the content, levels: holes and backgrounds have one colour.
 const CONTRAST: u8 = 24;
 
@@ -100,7 +100,7 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
         stamped.len(),
         stamped.len() as f64 / f64::from(GRID[0] * GRID[1]),
     );
-    let is_found = count >= CELLS.0 && count as f64 >= CELLS.1 * around && share <= MOST;
+    let is_found = count >= CELLS.0 && count as f64 >= CELLS.1 * around && share <= MAX_SHARE;
     if !is_found || contrast < CONTRAST {
         return None;
     }

@@ -20,13 +20,13 @@ const QUANTILES: [usize; 5] = [10, 30, 50, 70, 90];
 /// Pixels up to the first level are black; cells with any are skipped as holes unless the target's mean is below the
 /// second. At least this share of the cells must be left.
 const BLACK: (u8, u8) = (3, 20);
-const LEAST_CELLS: f64 = 0.5;
+const MIN_CELLS: f64 = 0.5;
 /// Levels outside this range may be clipped.
 const UNCLIPPED: std::ops::RangeInclusive<u8> = 12..=247;
 /// Minimum number of pictures, and the share whose error a curve must halve.
 const AGREEING: (usize, f64) = (3, 0.8);
 /// Minimum root mean square difference from the targets' levels.
-const LEAST_OFF: f64 = 8.0;
+const MIN_OFF: f64 = 8.0;
 /// Maximum squared error of a curve, relative to that without it.
 const EXPLAINED: f64 = 0.25;
 /// A curve with more parameters must have a squared error lower by this factor.
@@ -34,9 +34,9 @@ const BETTER: f64 = 0.6;
 /// Minimum share of the pictures that follow other exposures of their sources.
 const FOLLOWING: f64 = 0.4;
 /// Minimum difference of the means, relative to the root mean square difference, that a loss of contrast does not leave.
-const OF_SHIFT: f64 = 0.7;
+const MIN_MEAN_SHARE: f64 = 0.7;
 /// Minimum ratio of two channels' gains that is a white balance.
-const OF_BALANCE: f64 = 1.06;
+const MIN_BALANCE: f64 = 1.06;
 /// Squared distances from the middle, relative to the corners', that count as middle, between and corner.
 const RINGS: [(f64, f64); 3] = [(0.0, 0.12), (0.3, 0.5), (0.65, 1.0)];
 /// Minimum darkening of the corners, and its maximum difference from that of the other pictures, as logarithms. The
@@ -73,7 +73,7 @@ pub(super) fn tone([source, target, shown]: [&RgbImage; 3]) -> Option<Tone> {
     }
     let cells = is_hole.iter().enumerate().filter(|(_, is)| !**is);
     let cells: Vec<u32> = cells.map(|(cell, _)| cell as u32).collect();
-    if (cells.len() as f64) < LEAST_CELLS * is_hole.len() as f64 {
+    if (cells.len() as f64) < MIN_CELLS * is_hole.len() as f64 {
         return None;
     }
     let levels = |of: &RgbImage| {
@@ -153,11 +153,11 @@ impl Curve {
         };
         let [red, green, blue] = gains;
         let most = red.max(green).max(blue);
-        let is_balance = most / red.min(green).min(blue) >= OF_BALANCE;
+        let is_balance = most / red.min(green).min(blue) >= MIN_BALANCE;
         if gamma != 1.0 {
             let times = match is_balance {
                 true => format!("{red:.2}, {green:.2} and {blue:.2} (red, green and blue) times "),
-                false if (green - 1.0).abs() >= OF_BALANCE - 1.0 => format!("{green:.2} times "),
+                false if (green - 1.0).abs() >= MIN_BALANCE - 1.0 => format!("{green:.2} times "),
                 false => String::new(),
             };
             return format!(
@@ -247,7 +247,7 @@ fn explaining(pairs: &[LevelPair]) -> Option<Curve> {
     let off = (before / count).sqrt();
     // Methods that blur or hesitate lose contrast, which is a line and keeps the mean.
     let shift = pairs.iter().map(|(_, from, to)| to - from).sum::<f64>() / count;
-    let (line, is_shifted) = (error_of_line(pairs), shift.abs() >= OF_SHIFT * off);
+    let (line, is_shifted) = (error_of_line(pairs), shift.abs() >= MIN_MEAN_SHARE * off);
     let is_told = |curve: &Curve| match curve {
         Curve::Power { gamma, .. } if *gamma != 1.0 => {
             is_shifted || error(pairs, *curve) <= BETTER * line
@@ -260,7 +260,7 @@ fn explaining(pairs: &[LevelPair]) -> Option<Curve> {
             false => best,
         }
     })?;
-    (255.0 * off >= LEAST_OFF && error(pairs, best) <= EXPLAINED * before).then_some(best)
+    (255.0 * off >= MIN_OFF && error(pairs, best) <= EXPLAINED * before).then_some(best)
 }
 
 /// A sentence for each dataset whose pictures have one curve or dark corners in common.

@@ -24,7 +24,7 @@ use crate::scoring::rules::{Border, ScoringRules};
 use crate::scoring::{Region, Scoring};
 
 /// Lower bound of the alpha that divides colours, as in UniSHARP's trainer.
-const LEAST_ALPHA: f32 = 1e-4;
+const MIN_ALPHA: f32 = 1e-4;
 
 /// How a prediction is converted to the scored picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -281,7 +281,7 @@ fn from_linear(
     }
     let (width, height) = linear.rgb.dimensions();
     let encoded = Rgb32FImage::from_fn(width, height, |x, y| {
-        let alpha = linear.alpha.get_pixel(x, y).0[0].max(LEAST_ALPHA);
+        let alpha = linear.alpha.get_pixel(x, y).0[0].max(MIN_ALPHA);
         Rgb(linear.rgb.get_pixel(x, y).0.map(|value| {
             let value = value.clamp(0.0, 1.0);
             let value = if divides {

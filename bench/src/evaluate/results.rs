@@ -14,7 +14,7 @@ use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
 use crate::io::text::{csv_bytes, csv_cell};
-use crate::methods::MOST_EXTRAS;
+use crate::methods::MAX_EXTRAS;
 use crate::pairs::{Pair, PairList};
 
 /// The results of a run folder.
@@ -137,7 +137,7 @@ impl Current {
         }
         let shown: BTreeMap<&str, BTreeSet<&str>> = names
             .into_iter()
-            .map(|(method, names)| (method, names.into_iter().take(MOST_EXTRAS).collect()))
+            .map(|(method, names)| (method, names.into_iter().take(MAX_EXTRAS).collect()))
             .collect();
         done()
             .map(|unit| {

@@ -20,7 +20,7 @@ use crate::pairs::depth::PosedDepth;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::ground_truth::PairMasks;
 use crate::scoring::metrics::ScoredMetric;
-use crate::scoring::rules::{LEAST_PIXELS, PairMask};
+use crate::scoring::rules::{MIN_PIXELS, PairMask};
 use crate::scoring::{GroundTruth, Region, Scoring, ScoringRules};
 
 /// The ground truth of a pair: the target's photograph and masks, read on first use.
@@ -80,7 +80,7 @@ impl<'a> PairTruth<'a> {
             let bounds = mask(&|depth| source_bounds_mask(depth, seen, seer, pose));
             let size = (target.intrinsics.width, target.intrinsics.height);
             // If the target has no depth, or too few pixels are inside, the mask is empty.
-            let enough = bounds.filter(|mask| mask.count() >= LEAST_PIXELS);
+            let enough = bounds.filter(|mask| mask.count() >= MIN_PIXELS);
             let nothing = || Mask::new(size.0, size.1, vec![false; Region::whole(size).area()]);
             masks.given = enough.or_else(nothing);
         }

@@ -26,7 +26,7 @@ use crate::pairs::pair_id::{path_of, source_of};
 use crate::rendering::pose_alignment;
 
 /// Principal points that differ by less count as equal, pixels.
-const LEAST_SHIFT: f64 = 0.75;
+const MIN_SHIFT: f64 = 0.75;
 
 /// Extras that count Gaussians dropped by the renderer, and the reasons as text.
 pub const UNUSABLE: [(&str, &str); 2] = [
@@ -181,7 +181,7 @@ fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String
     let is_same_size = (stored.width, stored.height) == (own.width, own.height);
     let by = [stored.cx - own.cx, stored.cy - own.cy].map(|by| (by * 1000.0).round() / 1000.0);
     let [x, y] = by;
-    (is_same_size && by.iter().any(|by| by.abs() > LEAST_SHIFT)).then(|| {
+    (is_same_size && by.iter().any(|by| by.abs() > MIN_SHIFT)).then(|| {
         format!(
             "it was predicted with the principal point ({:.1}, {:.1}), but the dataset's is \
              ({:.1}, {:.1}): `shift={x}:{y}` corrects this",

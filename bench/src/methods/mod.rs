@@ -42,4 +42,4 @@ pub use scale_sweep::sweep_scales;
 pub use spec::{MethodSpec, SpecError};
 
 /// Maximum number of extras that a method may report; each becomes a table column.
-pub const MOST_EXTRAS: usize = 32;
+pub const MAX_EXTRAS: usize = 32;

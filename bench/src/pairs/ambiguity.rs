@@ -13,7 +13,7 @@ use super::options::PairOptions;
 use super::overlap_cache::OverlapCache;
 
 /// The only subject whose choices also apply to stereo datasets.
-const OF_ALL: &str = "sampling";
+const SAMPLING: &str = "sampling";
 
 /// Subject of alternative reader settings.
 const READING: &str = "dataset reading";
@@ -41,7 +41,10 @@ const ALTERNATIVES: [(&str, &str); 10] = [
         "missing depth",
         "missing-depth=accept missing-depth=leave-out",
     ),
-    (OF_ALL, "limit=all sampling=per-scene sampling=first seed=1"),
+    (
+        SAMPLING,
+        "limit=all sampling=per-scene sampling=first seed=1",
+    ),
 ];
 
 /// Number of pairs of a dataset under some options.
@@ -107,7 +110,7 @@ pub fn alternatives(
         .iter()
         .flat_map(|(about, changes)| changes.split(' ').map(move |change| (*about, change)));
     let options: Vec<(&str, &str, PairOptions)> = changed
-        .filter(|(about, _)| *about == OF_ALL || !of_multi_view.is_empty())
+        .filter(|(about, _)| *about == SAMPLING || !of_multi_view.is_empty())
         .filter_map(|(about, change)| Some((about, change, base.with(change).ok()?)))
         // Other sources of depth would need other files, so only ground-truth depth is varied.
         .filter(|(_, change, options)| {
@@ -125,7 +128,7 @@ pub fn alternatives(
         unavailable: BTreeMap::new(),
     }];
     for (about, change, options) in options {
-        let concerned = if about == OF_ALL {
+        let concerned = if about == SAMPLING {
             scenes
         } else {
             &of_multi_view
@@ -315,7 +318,7 @@ mod tests {
         let (base, context) = (PairOptions::default(), BuildContext::default());
         let rows = alternatives(scenes, &base, &[], &context, &|_, _| {}).unwrap();
         let about: BTreeSet<&str> = rows.iter().map(|row| row.about).collect();
-        assert_eq!(about, BTreeSet::from(["base", OF_ALL]));
+        assert_eq!(about, BTreeSet::from(["base", SAMPLING]));
         assert!(rows.iter().all(|row| row.counts["d"].selected == 1));
     }
 

@@ -20,7 +20,7 @@ pub struct Kubernetes {
 }
 
 /// Kubernetes' limit for a Job whose indices fail independently.
-const MOST_SHARDS: usize = 100_000;
+const MAX_SHARDS: usize = 100_000;
 
 /// Writes `job.yaml` and `merge.yaml`; returns their paths.
 ///
@@ -35,7 +35,7 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
             reason: "the plan is not below this folder, so no pod could read it",
         });
     }
-    if shards.count > MOST_SHARDS {
+    if shards.count > MAX_SHARDS {
         return Err(ScaleError::Refused {
             what: "--shards",
             value: shards.count.to_string(),

@@ -24,13 +24,13 @@ pub enum PairMask {
     #[default]
     NotExcluded,
     /// Target pixels with depth whose points project into the source's image; occlusion is not tested. A mask with
-    /// fewer than [`LEAST_PIXELS`] is discarded.
+    /// fewer than [`MIN_PIXELS`] is discarded.
     SourceBounds,
 }
 
 /// Minimum number of pixels inside [`PairMask::SourceBounds`] for a value to be computed:
 /// UniSHARP's rule.
-pub const LEAST_PIXELS: usize = 8;
+pub const MIN_PIXELS: usize = 8;
 
 /// The border that is excluded from comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -75,7 +75,7 @@ impl fmt::Display for PairMask {
             Self::SourceBounds => write!(
                 f,
                 "target pixels with depth whose point lies inside the source's picture, occluded or not; fewer than \
-                 {LEAST_PIXELS} are no number"
+                 {MIN_PIXELS} are no number"
             ),
         }
     }

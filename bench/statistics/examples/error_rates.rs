@@ -244,7 +244,7 @@ mod tests {
     /// With a true rate of 5 % and 1000 simulations, the observed rate is below this bound in 97.5
     /// % of cases. The tests run twice as many simulations, so that rounding on another machine
     /// cannot change their outcome.
-    const MOST_ALARMS: f64 = 0.064;
+    const MAX_ALARMS: f64 = 0.064;
 
     #[test]
     fn false_alarms_and_coverage_keep_their_bounds() {
@@ -252,7 +252,7 @@ mod tests {
         for design in &regular()[..6] {
             let (alarms, coverage) = (design.false_alarms(2000), design.coverage(2000));
             let name = &design.name;
-            assert!(alarms <= MOST_ALARMS, "{name}: {alarms} false alarms");
+            assert!(alarms <= MAX_ALARMS, "{name}: {alarms} false alarms");
             assert!(
                 (0.93..=0.97).contains(&coverage),
                 "{name}: coverage {coverage}"

@@ -56,13 +56,13 @@ fn degrees_of_freedom(sample: &Clusters) -> f64 {
         let excess = |log: f64| tail(log).ln() - FITTED_AT.ln();
         // With one large cluster among many, the critical value may be below that of the normal distribution; the
         // result is then the upper bound.
-        root(-2.0, MOST_DEGREES.ln(), excess).exp()
+        root(-2.0, MAX_DEGREES.ln(), excess).exp()
     };
     fitted(&vec![1.0; clusters.len()]).min(fitted(&estimated_variances(sample)))
 }
 
 /// From this many degrees of freedom, Student's distribution is treated as normal.
-const MOST_DEGREES: f64 = 1e6;
+const MAX_DEGREES: f64 = 1e6;
 
 /// Variances of the clusters' means: the variance between clusters plus that between pairs divided by their number n,
 /// both estimated by the analysis of variance of unweighted means. All are 1 if both estimates are zero.

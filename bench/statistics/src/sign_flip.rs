@@ -7,7 +7,7 @@ use crate::resampling::Resampling;
 
 /// Maximum number of clusters whose sign patterns are enumerated rather than sampled. A pattern and its negative give one
 /// statistic, so these are 2¹³.
-pub(crate) const MOST_ENUMERATED: usize = 14;
+pub(crate) const MAX_ENUMERATED: usize = 14;
 
 /// Sign-flip test of the clusters' differences. It is exact if each cluster's sum of (difference −
 /// true mean) is as likely as its negative, whatever the clusters' sizes and spreads (Fisher 1935).
@@ -34,7 +34,7 @@ impl SignFlip {
     /// Requires at least one cluster and finite scores.
     pub fn new(sample: &Clusters, resampling: Resampling) -> Self {
         let n = sample.n_clusters();
-        let enumerated = n <= MOST_ENUMERATED;
+        let enumerated = n <= MAX_ENUMERATED;
         // The observed pattern is consistent with any mean.
         let observed = (f64::NEG_INFINITY, f64::INFINITY);
         let ranges: Vec<(f64, f64)> = if enumerated {

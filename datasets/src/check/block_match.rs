@@ -7,19 +7,19 @@ const RADIUS: u32 = 3;
 /// Maximum number of blocks examined; only those with enough contrast are compared.
 const BLOCKS: usize = 1500;
 /// Minimum standard deviation of a block, in levels.
-const LEAST_CONTRAST: f32 = 8.0;
+const MIN_CONTRAST: f32 = 8.0;
 /// Maximum distance of the best match from its disparity, in reduced pixels.
 const NEAR: f64 = 1.0;
 /// Minimum number of blocks to judge a pair.
 const FEWEST: usize = 200;
 /// Minimum fraction of blocks that match best near their disparity. In consistent pairs it is 0.4 to 0.9, also with
 /// different exposures; with another scene's disparities it is below 0.2.
-const LEAST_NEAR: f64 = 0.3;
+const MIN_NEAR: f64 = 0.3;
 /// Minimum median correlation of the best matches of two pictures of one scene.
-const LEAST_RELATED: f32 = 0.8;
-/// Minimum of the same fraction for pictures below [`LEAST_RELATED`]; blocks of unrelated pictures
+const MIN_RELATED: f32 = 0.8;
+/// Minimum of the same fraction for pictures below [`MIN_RELATED`]; blocks of unrelated pictures
 /// match equally well anywhere.
-const LEAST_NEAR_OF_UNRELATED: f64 = 0.12;
+const MIN_NEAR_OF_UNRELATED: f64 = 0.12;
 
 /// Differences of a block's levels from their mean, and their Euclidean norm. `None` outside the picture or under a mask.
 fn block(picture: &Grey, x: i64, y: i64) -> Option<(Vec<f32>, f32)> {
@@ -55,7 +55,7 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
         };
         // A disparity that leads outside the right picture cannot match.
         let is_inside = block(right, x - sample.depth.round() as i64, y).is_some();
-        if length < LEAST_CONTRAST * (own.len() as f32).sqrt() || !is_inside {
+        if length < MIN_CONTRAST * (own.len() as f32).sqrt() || !is_inside {
             continue;
         }
         let matches = (low..=high).filter_map(|d| {
@@ -70,15 +70,15 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
     }
     best.sort_by(f32::total_cmp);
     let share = near as f64 / best.len().max(1) as f64;
-    let is_pair = *best.get(best.len() / 2)? >= LEAST_RELATED;
+    let is_pair = *best.get(best.len() / 2)? >= MIN_RELATED;
     let (least, what, cause) = match is_pair {
         true => (
-            LEAST_NEAR,
+            MIN_NEAR,
             "the pictures match each other, but not where the disparities lead",
             "does the disparity map belong to another scene or to other pictures?",
         ),
         false => (
-            LEAST_NEAR_OF_UNRELATED,
+            MIN_NEAR_OF_UNRELATED,
             "the pictures do not seem to show the same scene",
             "is the right picture from another pair?",
         ),

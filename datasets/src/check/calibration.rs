@@ -7,7 +7,7 @@ use crate::format::{calib, picture};
 use crate::{Pairing, Scene, View, files};
 
 /// Maximum fraction of disparities outside the range that the calibration states.
-const MOST_OUTSIDE: f64 = 0.1;
+const MAX_OUTSIDE: f64 = 0.1;
 /// Tolerance of that range, in pixels and as a fraction of the range.
 const TOLERANCE: (f64, f64) = (1.0, 0.02);
 
@@ -19,7 +19,7 @@ pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
     let stated = low - tolerance..=high + tolerance;
     let outside = disparities.iter().filter(|d| !stated.contains(*d)).count();
     let share = outside as f64 / disparities.len().max(1) as f64;
-    (share > MOST_OUTSIDE).then(|| {
+    (share > MAX_OUTSIDE).then(|| {
         format!(
             "{:.0} % of the disparities lie outside the range from {} to {} pixels that {} states; is it the \
              calibration of another scene or picture size? Replace it with this scene's own",

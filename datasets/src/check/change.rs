@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 use super::compare::{
-    LEAST_ERRORS, LEAST_GAIN, LEAST_GAIN_OF_FACTORS, LEAST_GAIN_OF_LENSES, LEAST_GAIN_OF_VIEWS,
+    MIN_ERRORS, MIN_GAIN, MIN_GAIN_OF_FACTORS, MIN_GAIN_OF_LENSES, MIN_GAIN_OF_VIEWS,
 };
 use super::explained::{Explained, Registration};
 use super::small_view::Part;
@@ -94,12 +94,12 @@ impl Change {
     pub(super) fn least_gain(&self) -> (f64, f64) {
         let gain = match self {
             // Lens distortion has a small effect, but the same kind of effect everywhere.
-            Self::Bent(_) => return LEAST_GAIN_OF_LENSES,
-            Self::Scale(_) | Self::Focal(..) | Self::Registered(_) => LEAST_GAIN_OF_FACTORS,
-            Self::Views(_) => LEAST_GAIN_OF_VIEWS,
-            _ => LEAST_GAIN,
+            Self::Bent(_) => return MIN_GAIN_OF_LENSES,
+            Self::Scale(_) | Self::Focal(..) | Self::Registered(_) => MIN_GAIN_OF_FACTORS,
+            Self::Views(_) => MIN_GAIN_OF_VIEWS,
+            _ => MIN_GAIN,
         };
-        (gain, LEAST_ERRORS)
+        (gain, MIN_ERRORS)
     }
 }
 

@@ -4,21 +4,21 @@
 use super::explained::{ENOUGH, Explained};
 
 /// Minimum fraction of the loss that another interpretation must remove.
-pub(super) const LEAST_GAIN: f64 = 0.1;
-/// [`LEAST_GAIN`] for changes of a factor, which hardly fit valid data better than a factor of 1.
-pub(super) const LEAST_GAIN_OF_FACTORS: f64 = 0.05;
-/// [`LEAST_GAIN`] for changes to some of the views.
-pub(super) const LEAST_GAIN_OF_VIEWS: f64 = 0.15;
+pub(super) const MIN_GAIN: f64 = 0.1;
+/// [`MIN_GAIN`] for changes of a factor, which hardly fit valid data better than a factor of 1.
+pub(super) const MIN_GAIN_OF_FACTORS: f64 = 0.05;
+/// [`MIN_GAIN`] for changes to some of the views.
+pub(super) const MIN_GAIN_OF_VIEWS: f64 = 0.15;
 /// Minimum number of samples that must land in other views; with fewer, too little is visible to judge.
-const LEAST_LANDED: usize = 500;
+const MIN_LANDED: usize = 500;
 /// Minimum fraction of the picture tiles in which the other interpretation must be better.
-const LEAST_SHARE: f64 = 0.75;
+const MIN_SHARE: f64 = 0.75;
 /// Minimum of the mean improvement over tiles, in standard errors of that mean.
-pub(super) const LEAST_ERRORS: f64 = 3.0;
-/// [`LEAST_GAIN`] and [`LEAST_ERRORS`] for lens distortion; proper scenes gain 0.003.
-pub(super) const LEAST_GAIN_OF_LENSES: (f64, f64) = (0.03, 4.0);
+pub(super) const MIN_ERRORS: f64 = 3.0;
+/// [`MIN_GAIN`] and [`MIN_ERRORS`] for lens distortion; proper scenes gain 0.003.
+pub(super) const MIN_GAIN_OF_LENSES: (f64, f64) = (0.03, 4.0);
 /// Maximum mean loss of an interpretation that explains everything.
-const MOST_LEFT: f64 = 0.45;
+const MAX_LEFT: f64 = 0.45;
 /// Minimum mean loss at which features are also compared.
 const SUSPICIOUS: f64 = 0.25;
 /// Minimum fraction of depths that agree in valid data with coarse pixels and slanted surfaces.
@@ -59,7 +59,7 @@ pub(super) fn mean_loss(all: &[Explained]) -> f64 {
 
 /// True if an interpretation leaves little unexplained.
 pub(super) fn fits_well(all: &[Explained]) -> bool {
-    mean_loss(all) <= MOST_LEFT
+    mean_loss(all) <= MAX_LEFT
 }
 
 /// True if an interpretation leaves more unexplained than valid data usually do.
@@ -93,7 +93,7 @@ pub(super) fn is_needed(as_read: &[Explained], other: &[Explained], by_colours: 
 
 /// True if another interpretation explains the same pairs significantly better.
 pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: f64) -> bool {
-    is_better_by(as_read, other, (least_gain, LEAST_ERRORS))
+    is_better_by(as_read, other, (least_gain, MIN_ERRORS))
 }
 
 /// Like [`is_better`], with a minimum number of standard errors.
@@ -103,7 +103,7 @@ pub(super) fn is_better_by(
     (least_gain, least_errors): (f64, f64),
 ) -> bool {
     let (before, after) = (mean_loss(as_read), mean_loss(other));
-    let few = landed(other) < LEAST_LANDED || 10 * landed(other) < 3 * landed(as_read);
+    let few = landed(other) < MIN_LANDED || 10 * landed(other) < 3 * landed(as_read);
     if few || after > (1.0 - least_gain) * before {
         return false;
     }
@@ -125,5 +125,5 @@ pub(super) fn is_better_by(
     let mean = differences.iter().sum::<f64>() / n;
     let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
     let better = differences.iter().filter(|d| **d > 0.0).count() as f64;
-    n >= 4.0 && better >= LEAST_SHARE * n && mean > least_errors * (variance / n).sqrt()
+    n >= 4.0 && better >= MIN_SHARE * n && mean > least_errors * (variance / n).sqrt()
 }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 /// Minimum fraction of overlapping depths that must agree in at least one pair of neighbours. Occlusion reduces it even
 /// for correct poses; in wrongly interpreted real frames, a fifth agree.
-const LEAST: f64 = 0.3;
+const MIN_AGREEING: f64 = 0.3;
 
 /// Agreement of neighbouring views under one pose convention.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -40,7 +40,7 @@ impl Consistency {
     /// Describes a contradiction between poses and depth. A scene whose neighbouring views hardly overlap is not
     /// reported.
     pub(super) fn disagreement(&self) -> Option<String> {
-        let meeting = self.meeting.filter(|meeting| *meeting < LEAST)?;
+        let meeting = self.meeting.filter(|meeting| *meeting < MIN_AGREEING)?;
         Some(format!(
             "poses and depth are inconsistent: at most {:.0} % of the depths that meet in neighbouring views agree; \
              the pose convention, the unit of depth or poses, or the intrinsics may be wrong",

@@ -10,7 +10,7 @@ use super::neighbours::Neighbours;
 use super::small_view::Sample;
 
 /// Minimum fraction of depths at the maximum value that indicates a limit.
-const LEAST_LIMITED: f64 = 0.01;
+const MIN_LIMITED: f64 = 0.01;
 /// Minimum number of positions on which a judgement is based.
 const ENOUGH_LIMITED: usize = 100;
 /// Minimum relative difference between the maximum depth and the depth according to the other view.
@@ -18,9 +18,9 @@ const OFF_LIMIT: f64 = 0.002;
 /// Minimum of the same difference, in steps of the depth map at its maximum.
 const OFF_STEPS: f64 = 2.0;
 /// Upper bound on the minimum depth of a normalised map at the reduced size.
-const LEAST_NORMALISED: f64 = 0.1;
+const MIN_NORMALISED: f64 = 0.1;
 /// Lower bound on the maximum depth of a normalised map at the reduced size.
-const MOST_NORMALISED: f64 = 0.9;
+const MAX_NORMALISED: f64 = 0.9;
 
 /// Minimum relative difference of a single-valued map's depth from another such map; from other maps it is
 /// [`TOLERANCE`].
@@ -106,7 +106,7 @@ impl Neighbours<'_> {
             met.all += found.all;
             met.off += found.off;
         }
-        let enough = met.all as f64 >= LEAST_LIMITED * all as f64;
+        let enough = met.all as f64 >= MIN_LIMITED * all as f64;
         (enough && met.are_mostly_off()).then(|| {
             format!(
                 "depth is clipped at {} m: of {} points with exactly that depth in two neighbouring views, {:.0} % cannot \
@@ -164,8 +164,8 @@ impl Neighbours<'_> {
                 (f64::min(least, depth), f64::max(most, depth))
             });
             samples.len() >= ENOUGH_LIMITED
-                && least < LEAST_NORMALISED
-                && (MOST_NORMALISED..=1.0 + 1e-6).contains(&most)
+                && least < MIN_NORMALISED
+                && (MAX_NORMALISED..=1.0 + 1e-6).contains(&most)
         };
         self.small.values().all(is_normalised).then(|| {
             "every depth map ranges from 0 to 1, so depth was normalised per map and has no unit; store metres".to_owned()

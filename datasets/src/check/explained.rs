@@ -147,7 +147,7 @@ pub(super) const COLOUR_SCALE: f64 = 32.0;
 /// Minimum fraction of samples to judge a pair.
 pub(super) const ENOUGH: f64 = 0.05;
 /// Minimum number of colours from which an exposure is measured.
-const LEAST_COMPARED: usize = 200;
+const MIN_COMPARED: usize = 200;
 /// Maximum relative difference of depths that agree.
 pub(super) const TOLERANCE: f64 = 0.05;
 
@@ -300,7 +300,7 @@ impl Explained {
     pub(super) fn exposure(&self) -> Option<(f64, f64)> {
         let [own, other] = self.levels;
         let mixed = (own + other - self.squares) / 2.0;
-        (self.compared >= LEAST_COMPARED && own > 0.0).then(|| {
+        (self.compared >= MIN_COMPARED && own > 0.0).then(|| {
             let left = (other - mixed * mixed / own).max(0.0);
             (mixed / own, (left / (3 * self.compared) as f64).sqrt())
         })

@@ -6,8 +6,8 @@ use glam::DVec2;
 use super::advice::{self, Units};
 use super::change::{Better, Change, Focal};
 use super::compare::{
-    LEAST_GAIN, LEAST_GAIN_OF_FACTORS, agrees, fits_well, forward, is_better, is_better_by,
-    is_needed, is_refuted, is_suspicious, landed, mean_loss,
+    MIN_GAIN, MIN_GAIN_OF_FACTORS, agrees, fits_well, forward, is_better, is_better_by, is_needed,
+    is_refuted, is_suspicious, landed, mean_loss,
 };
 use super::convention::alternatives;
 use super::explained::{DepthIs, Explained, Reading};
@@ -24,7 +24,7 @@ const CENTRE_STEP: f64 = 1.12;
 /// Number of searches per axis; a search continues where the one before ended, if that was at the end of its range.
 const CENTRE_SEARCHES: usize = 3;
 /// Minimum offset of a principal point that is reported, in widths.
-const LEAST_OFF: f64 = 0.004;
+const MIN_OFF: f64 = 0.004;
 
 /// Colour differences up to this count as explained, as a fraction of those between unrelated places.
 const WELL: f64 = 0.8;
@@ -137,7 +137,7 @@ impl Neighbours<'_> {
                 && is_needed(&as_read, other, change.shows_in_colours())
                 && still
                     .as_ref()
-                    .is_none_or(|still| is_better(still, other, LEAST_GAIN_OF_FACTORS))
+                    .is_none_or(|still| is_better(still, other, MIN_GAIN_OF_FACTORS))
         };
         let by_loss = |one: &(Change, Vec<Explained>), other: &(Change, Vec<Explained>)| {
             mean_loss(&one.1).total_cmp(&mean_loss(&other.1))
@@ -156,7 +156,7 @@ impl Neighbours<'_> {
         let complex = complex.filter(is_candidate).min_by(by_loss);
         let complex = complex.filter(|(_, complex)| {
             let simple = simple.as_ref();
-            simple.is_none_or(|(_, simple)| is_better(simple, complex, LEAST_GAIN))
+            simple.is_none_or(|(_, simple)| is_better(simple, complex, MIN_GAIN))
         });
         let best = complex.or(simple);
         best.map(|(change, explained)| Better {
@@ -302,7 +302,7 @@ impl Neighbours<'_> {
                 }
             }
         }
-        match off.length() < LEAST_OFF {
+        match off.length() < MIN_OFF {
             true => DVec2::ZERO,
             false => off,
         }

@@ -1,24 +1,24 @@
 //! Contradictions that no known change explains: features match between two pictures, but not at the places that poses,
 //! cameras and depth predict.
 
-use super::features::LEAST_MATCHES;
+use super::features::MIN_MATCHES;
 use super::features::Matches;
 use super::neighbours::Neighbours;
 use super::small_view::WIDEST;
 
 /// Minimum median distance of matches from their predicted places, in reduced pixels, in a pair of views that depth
-/// contradicts; [`MOST_CLOSE`] must hold, too. Consistent scenes have medians below 1.
-const LEAST_MISS: f64 = 2.5;
+/// contradicts; [`MAX_CLOSE`] must hold, too. Consistent scenes have medians below 1.
+const MIN_MISS: f64 = 2.5;
 /// Maximum fraction of matches within [`CLOSE`] of their predicted places in such a pair. Consistent scenes have
 /// fractions above 0.8.
-const MOST_CLOSE: f64 = 0.35;
+const MAX_CLOSE: f64 = 0.35;
 /// Distance of a match that is close to its predicted place, in reduced pixels.
 const CLOSE: f64 = 2.0;
 /// Maximum fraction of matches near their epipolar lines if poses and pictures contradict each other. Even the lines of
 /// unrelated poses pass near some matches.
-const MOST_NEAR_LINES: f64 = 0.35;
+const MAX_NEAR_LINES: f64 = 0.35;
 /// Minimum fraction of matches on their epipolar lines if poses and pictures agree.
-const LEAST_ON_LINES: f64 = 0.8;
+const MIN_ON_LINES: f64 = 0.8;
 
 /// Measures how well poses, cameras and depth predict the features that match between a view and the next.
 #[derive(Debug)]
@@ -51,19 +51,19 @@ impl Residual {
 
     /// True if poses and pictures agree.
     fn is_on_lines(&self) -> bool {
-        self.on_lines as f64 >= LEAST_ON_LINES * self.matches as f64
+        self.on_lines as f64 >= MIN_ON_LINES * self.matches as f64
     }
 
     /// Median distance from the predicted places, if too large.
     fn misses_by(&self) -> Option<f64> {
         let n = self.misses.len();
-        let median = *self.misses.get(n / 2).filter(|_| n >= LEAST_MATCHES)?;
+        let median = *self.misses.get(n / 2).filter(|_| n >= MIN_MATCHES)?;
         let close = self.misses.partition_point(|miss| *miss < CLOSE);
-        (median >= LEAST_MISS && close as f64 <= MOST_CLOSE * n as f64).then_some(median)
+        (median >= MIN_MISS && close as f64 <= MAX_CLOSE * n as f64).then_some(median)
     }
 
     fn is_off_lines(&self) -> bool {
-        self.matches >= LEAST_MATCHES && self.near_lines() <= MOST_NEAR_LINES
+        self.matches >= MIN_MATCHES && self.near_lines() <= MAX_NEAR_LINES
     }
 
     fn is_contradicted(&self) -> bool {
@@ -91,7 +91,7 @@ pub(super) fn contradiction(
         100.0 * worst.near_lines(),
         worst.matches
     );
-    let can_be_judged = |one: &&Residual| one.matches >= LEAST_MATCHES;
+    let can_be_judged = |one: &&Residual| one.matches >= MIN_MATCHES;
     let judged = residuals.iter().filter(can_be_judged).count();
     let misses = worst.misses_by().map_or(String::new(), |median| {
         format!(

@@ -15,10 +15,10 @@ use super::small_view::{Sample, SmallView, WIDEST};
 use crate::View;
 
 /// Maximum number of views of a scene for which a thorough check reads all of them.
-pub(super) const MOST_ALL: usize = 12;
+pub(super) const MAX_ALL: usize = 12;
 
 /// Minimum motion, in reduced pixels, between two views for which identical pictures are an error.
-const LEAST_MOVED: f64 = 1.5;
+const MIN_MOVED: f64 = 1.5;
 
 /// Maximum difference of colours that fit, as a fraction of the difference between unrelated places.
 const EXPLAINED: f64 = 0.35;
@@ -59,7 +59,7 @@ impl<'a> Neighbours<'a> {
         let depth_by_pose = small.keys().any(depth_by_pose);
         let mut around = BTreeSet::new();
         // Depth from a scan is expensive, so fewer views are read.
-        if effort.thorough && views.len() <= MOST_ALL {
+        if effort.thorough && views.len() <= MAX_ALL {
             around = (0..views.len()).collect();
         } else if !depth_by_pose || effort.thorough {
             around = wanted
@@ -255,7 +255,7 @@ impl<'a> Neighbours<'a> {
             let is_moved = |sample: &&Sample| {
                 let place = sample.middle();
                 let miss = self.miss((*a, &one.camera, place), &other.camera, place);
-                miss.is_some_and(|miss| miss >= LEAST_MOVED)
+                miss.is_some_and(|miss| miss >= MIN_MOVED)
             };
             let moved = samples.iter().step_by(7).filter(is_moved).count();
             2 * 7 * moved > samples.len()
@@ -276,7 +276,7 @@ impl<'a> Neighbours<'a> {
             is_moved(pair) && !agrees(&[explained()])
         };
         let moves = format!(
-            "but what it shows moves by {LEAST_MOVED} pixels or more between their poses (at a width of {WIDEST} or less)"
+            "but what it shows moves by {MIN_MOVED} pixels or more between their poses (at a width of {WIDEST} or less)"
         );
         if let Some((a, b)) = pictured {
             let [a, b] = [a, b].map(|i| &self.views[*i].id);

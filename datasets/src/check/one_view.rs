@@ -7,18 +7,18 @@ use sharp::camera::{RigidTransform, baseline_m};
 
 use super::advice::{evidence, number};
 use super::change::Change;
-use super::compare::{LEAST_GAIN_OF_VIEWS, forward, is_better, mean_loss};
+use super::compare::{MIN_GAIN_OF_VIEWS, forward, is_better, mean_loss};
 use super::explained::{Explained, Reading};
 use super::neighbours::Neighbours;
 use super::search::{is_reportable, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView};
 
 /// Maximum remaining loss, as a multiple of the loss between the surrounding views.
-const MOST_LEFT: f64 = 1.5;
+const MAX_LEFT: f64 = 1.5;
 /// Minimum error of a pose, in radians or in median depths; smaller errors are mere imprecision.
-const LEAST_OFF: f64 = 0.03;
+const MIN_OFF: f64 = 0.03;
 /// Minimum loss of a suspicious view, as a multiple of the loss between the surrounding views.
-const LEAST_WORSE: f64 = 1.15;
+const MIN_WORSE: f64 = 1.15;
 /// Number of views on either side with which a view is compared.
 const REACH: usize = 2;
 
@@ -75,13 +75,13 @@ impl Neighbours<'_> {
                 .map(|pair| pair[0].to(pair[1], self.stride))
                 .collect();
             let read = links(own);
-            let wanted = MOST_LEFT * mean_loss(&others);
-            if mean_loss(&read) <= LEAST_WORSE * mean_loss(&others) {
+            let wanted = MAX_LEFT * mean_loss(&others);
+            if mean_loss(&read) <= MIN_WORSE * mean_loss(&others) {
                 continue;
             }
             for (what, other) in self.changed(own, &|one| mean_loss(&links(one))) {
                 let mended = links(&other);
-                if mean_loss(&mended) > wanted || !is_better(&read, &mended, LEAST_GAIN_OF_VIEWS) {
+                if mean_loss(&mended) > wanted || !is_better(&read, &mended, MIN_GAIN_OF_VIEWS) {
                     continue;
                 }
                 let carries = self.carries.iter().zip(as_read);
@@ -169,7 +169,7 @@ impl Neighbours<'_> {
         }
         let off = best.pose.after(&own.pose.inverse());
         let (metres, degrees) = (baseline_m(&best.pose, &own.pose), off.rotation_deg());
-        let is_off = metres > LEAST_OFF * median_m || degrees.to_radians() > LEAST_OFF;
+        let is_off = metres > MIN_OFF * median_m || degrees.to_radians() > MIN_OFF;
         let what = format!(
             "its pose is off by about {} m and {degrees:.0} degrees",
             number(metres)

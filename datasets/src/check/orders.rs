@@ -7,23 +7,23 @@ use sharp::camera::RigidTransform;
 
 use super::Effort;
 use super::change::{Change, Moves};
-use super::compare::{LEAST_GAIN, fits_well, is_suspicious, mean_loss};
+use super::compare::{MIN_GAIN, fits_well, is_suspicious, mean_loss};
 use super::explained::{Explained, Reading};
-use super::neighbours::{MOST_ALL, Neighbours};
+use super::neighbours::{MAX_ALL, Neighbours};
 use super::small_view::{Sample, SmallView};
 use crate::View;
 use crate::view::evenly_spaced;
 
 /// Minimum number of views: with fewer, any assignment to poses may fit.
-const LEAST_VIEWS: usize = 5;
+const MIN_VIEWS: usize = 5;
 
 /// Minimum number of pairs of neighbours that a shift starting at a later picture must explain better; a single one may
 /// be due to one wrong pose.
-const LEAST_SHIFTED: usize = 2;
+const MIN_SHIFTED: usize = 2;
 
 /// Minimum fraction of a pair's loss that the poses of two other views must remove. High, because these poses are the
 /// best of many.
-const LEAST_GAIN_ELSEWHERE: f64 = 0.25;
+const MIN_GAIN_ELSEWHERE: f64 = 0.25;
 /// Samples per view in the search for the poses of two other views.
 const SAMPLES_ELSEWHERE: usize = 500;
 
@@ -64,7 +64,7 @@ pub(super) fn orders(
         };
         orders.push((text, Box::new(exchange), 1));
     }
-    if n < LEAST_VIEWS {
+    if n < MIN_VIEWS {
         return orders;
     }
     let starts: BTreeSet<usize> = starts.iter().copied().chain([0]).collect();
@@ -77,7 +77,7 @@ pub(super) fn orders(
                 from => format!("from about {} on, every picture fits", id(from)),
             };
             let text = format!("{which} the {noun} {places}{side} its own");
-            let pairs = if from == 0 { 1 } else { LEAST_SHIFTED };
+            let pairs = if from == 0 { 1 } else { MIN_SHIFTED };
             orders.push((text, Box::new(shifted(by, from)), pairs));
         }
     }
@@ -104,7 +104,7 @@ pub(super) fn orders(
 /// Assignments of the kept pictures to all poses if only every second or third picture was kept, like [`orders`].
 pub(super) fn thinned(views: &[View], noun: &str) -> Vec<(String, Assignment, usize)> {
     let strides = [(2, "second"), (3, "third")].into_iter();
-    let strides = strides.filter(|(stride, _)| views.len() >= LEAST_VIEWS.max(2 * stride));
+    let strides = strides.filter(|(stride, _)| views.len() >= MIN_VIEWS.max(2 * stride));
     let all = strides.map(|(stride, which)| {
         let text = format!(
             "the pictures fit every {which} {noun}, starting with the first, as if every {which} picture had been kept, \
@@ -138,7 +138,7 @@ impl Neighbours<'_> {
                 let all = explained.into_iter().zip(as_read);
                 let all: Vec<Explained> = all.map(|(one, read)| one.unwrap_or(*read)).collect();
                 let is_less = |(one, read): &(&Explained, &Explained)| {
-                    mean_loss(&[**one]) <= (1.0 - LEAST_GAIN) * mean_loss(&[**read])
+                    mean_loss(&[**one]) <= (1.0 - MIN_GAIN) * mean_loss(&[**read])
                 };
                 let improved = all.iter().zip(as_read).filter(is_less).count();
                 if 2 * given >= all.len() && improved >= 2 * least_pairs {
@@ -184,7 +184,7 @@ impl Neighbours<'_> {
     /// The poses of other views, with or without their depth, that explain pairs of neighbours best.
     pub(super) fn elsewhere(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
         let n = self.views.len();
-        if !self.thorough || !(LEAST_VIEWS..=MOST_ALL).contains(&n) {
+        if !self.thorough || !(MIN_VIEWS..=MAX_ALL).contains(&n) {
             return Vec::new();
         }
         let all: Vec<(usize, usize)> = (0..n).flat_map(|a| (0..n).map(move |b| (a, b))).collect();
@@ -216,7 +216,7 @@ impl Neighbours<'_> {
                 let best = best.and_then(|(pair, _)| Some((pair, as_if(pair, self.stride)?)));
                 let own = mean_loss(&as_read[at..at + 2]);
                 let best =
-                    best.filter(|(_, best)| mean_loss(best) <= (1.0 - LEAST_GAIN_ELSEWHERE) * own);
+                    best.filter(|(_, best)| mean_loss(best) <= (1.0 - MIN_GAIN_ELSEWHERE) * own);
                 if best.is_none() && fits_well(&as_read[at..at + 2]) {
                     assigned.extend([(one, one), (next, next)]);
                 }

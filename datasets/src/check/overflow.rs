@@ -8,14 +8,14 @@ use crate::view::evenly_spaced;
 /// Number of 16-bit values.
 const WRAP: f64 = 65536.0;
 /// Minimum difference of adjacent values that may be an overflow.
-const LEAST_JUMP: f64 = WRAP / 2.0;
+const MIN_JUMP: f64 = WRAP / 2.0;
 /// Maximum relative difference between a value after a jump, with the lost bit restored, and the continuation of the
 /// values before it.
 const NEAR: f64 = 0.01;
 /// Minimum number of jumps across which the surface continues.
-const LEAST_SEAMS: usize = 16;
+const MIN_SEAMS: usize = 16;
 /// Minimum fraction of jumps across which the surface continues, among all jumps.
-const LEAST_SHARE: f64 = 0.15;
+const MIN_SHARE: f64 = 0.15;
 
 /// A sentence on the first of a few views whose depth map overflowed. Files that cannot be read are reported elsewhere.
 pub(super) fn overflowed(views: &[View], effort: Effort) -> Option<String> {
@@ -41,8 +41,8 @@ fn has_seams(map: &FloatMap) -> bool {
     let mut look = |four: [usize; 4]| {
         let four = four.map(|i| f64::from(map.as_raw()[i]));
         for [before, high, low, after] in [four, [four[3], four[2], four[1], four[0]]] {
-            let is_jump = high - low > LEAST_JUMP && low > 0.0;
-            let is_smooth = (before - high).abs() < LEAST_JUMP && (after - low).abs() < LEAST_JUMP;
+            let is_jump = high - low > MIN_JUMP && low > 0.0;
+            let is_smooth = (before - high).abs() < MIN_JUMP && (after - low).abs() < MIN_JUMP;
             // A repeated value may stand for the sky.
             if is_jump && is_smooth && before > 0.0 && after > 0.0 && before != high {
                 jumps += 1;
@@ -56,7 +56,7 @@ fn has_seams(map: &FloatMap) -> bool {
     for y in 3..h {
         (0..w).for_each(|x| look([0, 1, 2, 3].map(|i| (y - i) * w + x)));
     }
-    seams >= LEAST_SEAMS && seams as f64 >= LEAST_SHARE * f64::from(jumps)
+    seams >= MIN_SEAMS && seams as f64 >= MIN_SHARE * f64::from(jumps)
 }
 
 /// True if a value continues the two before it: on a plane, the reciprocal of depth changes in equal steps.

@@ -147,9 +147,9 @@ const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 /// Maximum distance from a multiple of the step, as a fraction of the step.
 const OFF_STEP: f64 = 1e-3;
 /// Minimum number of the positions' coordinates that are not 0.
-const LEAST_COORDINATES: usize = 3;
+const MIN_COORDINATES: usize = 3;
 /// Minimum step, as a fraction of the median distance between neighbouring views; a smaller one matters little.
-const LEAST_STEP: f64 = 0.02;
+const MIN_STEP: f64 = 0.02;
 
 /// An addition to the report of a contradiction without a known cause, if poses seem to have been rounded.
 pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
@@ -169,11 +169,11 @@ pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
             let all = views.iter().flat_map(|view| form(view).to_array());
             let all = all.map(|v| v / units.pose_unit_m() / step);
             let all: Vec<f64> = all.filter(|v| v.abs() > OFF_STEP).collect();
-            all.len() >= LEAST_COORDINATES && all.iter().all(|v| (v - v.round()).abs() < OFF_STEP)
+            all.len() >= MIN_COORDINATES && all.iter().all(|v| (v - v.round()).abs() < OFF_STEP)
         })
     };
     let step = STEPS.into_iter().find(|step| is_multiple(*step))?;
-    (step >= LEAST_STEP * between).then(|| {
+    (step >= MIN_STEP * between).then(|| {
         format!(
             "; every camera position is a multiple of {}, so the poses may have been rounded: store more digits",
             number(step)

@@ -18,15 +18,15 @@ const OFFSETS: (i32, f64) = (10, 1.12);
 /// Number of steps and their ratio in the search for the magnification.
 const ZOOMS: (i32, f64) = (12, 1.035);
 /// Minimum offset that is reported, in widths.
-const LEAST_OFF: f64 = 0.008;
+const MIN_OFF: f64 = 0.008;
 /// Maximum offset along an axis, in widths.
-const MOST_OFF: f64 = 0.12;
+const MAX_OFF: f64 = 0.12;
 /// Maximum magnification.
-const MOST_ZOOM: f64 = 1.6;
+const MAX_ZOOM: f64 = 1.6;
 /// Maximum ratio of the remaining colour differences to those as read. Only colours show that depth belongs elsewhere.
-const MOST_LEFT: f64 = 0.9;
+const MAX_LEFT: f64 = 0.9;
 /// Maximum remaining colour differences, as a fraction of those between unrelated places.
-const MOST_UNEXPLAINED: f64 = 0.75;
+const MAX_UNEXPLAINED: f64 = 0.75;
 
 const fn with(depth_at: Registration) -> Reading {
     Reading {
@@ -81,18 +81,18 @@ impl Neighbours<'_> {
         if !is_reportable(found.zoom) {
             found.zoom = 1.0;
         }
-        if found.off.length() < LEAST_OFF {
+        if found.off.length() < MIN_OFF {
             found.off = DVec2::ZERO;
         }
         let is_far =
-            found.off.abs().max_element() > MOST_OFF || found.zoom.ln().abs() > MOST_ZOOM.ln();
+            found.off.abs().max_element() > MAX_OFF || found.zoom.ln().abs() > MAX_ZOOM.ln();
         if found == same || is_far {
             return None;
         }
         let explained = self.explained(&with(found), self.stride);
         let levels = [as_read, &explained].map(|all| forward(all).colour_levels());
-        let is_nearer = matches!(levels, [Some(read), Some(other)] if other <= MOST_LEFT * read);
-        let is_near = is_nearer && self.unexplained(&explained) <= MOST_UNEXPLAINED;
+        let is_nearer = matches!(levels, [Some(read), Some(other)] if other <= MAX_LEFT * read);
+        let is_near = is_nearer && self.unexplained(&explained) <= MAX_UNEXPLAINED;
         is_near.then_some((Change::Registered(found), explained))
     }
 }

@@ -1,10 +1,10 @@
 //! Search for the best-fitting factor.
 
 /// Minimum factor that is reported; factors closer to 1 are ignored.
-const LEAST_FACTOR: f64 = 1.03;
+const MIN_FACTOR: f64 = 1.03;
 
 pub(super) fn is_reportable(factor: f64) -> bool {
-    factor.ln().abs() > LEAST_FACTOR.ln()
+    factor.ln().abs() > MIN_FACTOR.ln()
 }
 
 /// The factor with the least loss: tries `step`^-n … `step`^n, then factors in between, and rounds the result if that

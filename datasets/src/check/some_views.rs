@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::advice::{evidence, number};
 use super::change::{Change, Focal};
-use super::compare::{LEAST_GAIN_OF_VIEWS, forward, landed, mean_loss};
+use super::compare::{MIN_GAIN_OF_VIEWS, forward, landed, mean_loss};
 use super::explained::{Explained, Reading};
 use super::neighbours::Neighbours;
 use super::search::{is_reportable, least};
@@ -76,7 +76,7 @@ impl Neighbours<'_> {
         }
         let (others, otherwise) = chosen(1.0 / factor, &as_read[1], self.stride);
         let is_open = mean_loss(&otherwise) <= AS_GOOD * mean_loss(&explained);
-        let is_gain = mean_loss(&explained) <= (1.0 - LEAST_GAIN_OF_VIEWS) * mean_loss(&as_read[1]);
+        let is_gain = mean_loss(&explained) <= (1.0 - MIN_GAIN_OF_VIEWS) * mean_loss(&as_read[1]);
         if is_open
             && is_gain
             && let Some(wider) = self.wider()

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec2};
 use sharp::camera::baseline_m;
 
 use super::advice::{DEPTHS_M, number};
-use super::compare::{LEAST_GAIN, is_better, landed, mean_loss};
+use super::compare::{MIN_GAIN, is_better, landed, mean_loss};
 use super::explained::{COLOUR_SCALE, Explained, TILES};
 use super::features::Matches;
 use super::search::{is_reportable, least};
@@ -23,7 +23,7 @@ const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 /// Maximum offset of disparities that is tested in both directions, in pixels of the reduced size.
 const OFFSETS: i32 = 40;
 /// Minimum offset of disparities that is reported, in pixels of the photograph.
-const LEAST_OFFSET: f64 = 2.0;
+const MIN_OFFSET: f64 = 2.0;
 
 /// Middle of the units tested for depth maps stored as disparities, in metres.
 const MIDDLE_UNIT_M: f64 = 0.03;
@@ -257,7 +257,7 @@ impl Pair {
         // Disparities of another scene may be better by chance.
         let is_cause = |pair: &Self, explained: &[Explained], disparity: &dyn Fn(f64) -> f64| {
             let is_confirmed = || !self.is_rectified || pair.mismatch(disparity).is_none();
-            is_better(&as_read, explained, LEAST_GAIN) && is_confirmed()
+            is_better(&as_read, explained, MIN_GAIN) && is_confirmed()
         };
         let (factor, scaled) = fit((40, 2_f64.powf(0.25)), &|factor, d| factor * d);
         let mut readings = vec![
@@ -324,7 +324,7 @@ impl Pair {
             let coarse = best(&mut (-OFFSETS..=OFFSETS).map(f64::from), 4 * stride);
             let by = best(&mut (-4..=4).map(|i| coarse + 0.25 * f64::from(i)), stride);
             let fitted = moved(by, stride);
-            if by.abs() * full >= LEAST_OFFSET && is_cause(self, &fitted, &|d| d + by) {
+            if by.abs() * full >= MIN_OFFSET && is_cause(self, &fitted, &|d| d + by) {
                 let (pixels, way) = (
                     number((by.abs() * full).round()),
                     if by > 0.0 { "larger" } else { "smaller" },
@@ -364,7 +364,7 @@ impl Pair {
             );
             readings.push((how, scaled));
         }
-        readings.retain(|(_, explained)| is_better(&as_read, explained, LEAST_GAIN));
+        readings.retain(|(_, explained)| is_better(&as_read, explained, MIN_GAIN));
         // A reading under which few places land in the right picture may fit them by chance.
         let most = readings
             .iter()

@@ -6,7 +6,7 @@ use super::explained::{DepthIs, Explained, Reading};
 use super::neighbours::Neighbours;
 
 /// Smallest tried relative excess of the value at infinite depth over the largest stored value.
-const LEAST_BEYOND: f64 = 0.001;
+const MIN_BEYOND: f64 = 0.001;
 /// Number of tried values of the excess, each twice the previous one.
 const DOUBLED: u32 = 9;
 /// Initial factor of the poses' translations, which corresponds to a near plane at 1 / `SCALE` metres.
@@ -30,13 +30,13 @@ impl Neighbours<'_> {
         };
         let explained = |beyond: f64, scale: f64| self.explained(&with(beyond, scale), self.stride);
         let fitted = (0..DOUBLED).map(|i| {
-            let beyond = LEAST_BEYOND * f64::from(1 << i);
+            let beyond = MIN_BEYOND * f64::from(1 << i);
             let to = |factor: f64| with(beyond, SCALE * factor);
             let scale = SCALE * self.fit(SCALES.0, SCALES.1, &to);
             (mean_loss(&explained(beyond, scale)), beyond, scale)
         });
         let best = fitted.min_by(|a, b| a.0.total_cmp(&b.0));
-        let (_, mut beyond, mut scale) = best.unwrap_or((1.0, LEAST_BEYOND, SCALE));
+        let (_, mut beyond, mut scale) = best.unwrap_or((1.0, MIN_BEYOND, SCALE));
         let [by_beyond, by_scale] = REFINED;
         for _ in 0..REFINEMENTS {
             beyond *= self.fit(by_beyond.0, by_beyond.1, &|by| with(beyond * by, scale));

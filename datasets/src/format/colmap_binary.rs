@@ -9,7 +9,7 @@ use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
 use crate::lens::COLMAP_MODELS;
 
 /// Maximum number of parameters tried for an unknown camera model; COLMAP's own have at most 16.
-const MOST_PARAMS: usize = 32;
+const MAX_PARAMS: usize = 32;
 
 /// Parses `cameras.bin`. Its records do not state their length. Cameras of an unknown model, named
 /// by its number, are accepted if there is only one such model and exactly one number of parameters
@@ -26,7 +26,7 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError>
     let Some(unknown) = unknown else {
         return known;
     };
-    let mut fitting = (0..=MOST_PARAMS).filter_map(|params| {
+    let mut fitting = (0..=MAX_PARAMS).filter_map(|params| {
         cameras_with(bytes, &mut |model| (model == unknown).then_some(params)).ok()
     });
     match (fitting.next(), fitting.next()) {

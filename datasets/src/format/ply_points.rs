@@ -64,12 +64,12 @@ fn read_faces(
     body: &mut Body<'_>,
     triangles: &mut Vec<[u32; 3]>,
 ) -> Result<(), FormatError> {
-    const MOST_CORNERS: usize = 1024;
+    const MAX_CORNERS: usize = 1024;
     let list = element.list("vertex_indices");
     let list = list.or_else(|| element.list("vertex_index"));
     body.rows(element, |row| {
         let corners = list.map_or(&[][..], |list| row.property(list));
-        if corners.len() > MOST_CORNERS {
+        if corners.len() > MAX_CORNERS {
             return Err(invalid!("a face has {} corners", corners.len()));
         }
         let range = 0.0..=f64::from(u32::MAX);

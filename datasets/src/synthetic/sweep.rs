@@ -19,7 +19,7 @@ const FARTHEST_MOVE: f64 = 10.0;
 /// Maximum rotation, degrees; beyond it, hardly anything of the source remains visible.
 const FARTHEST_TURN: f64 = 90.0;
 /// Maximum number of posts; more would overlap.
-const MOST_POSTS: f64 = 15.0;
+const MAX_POSTS: f64 = 15.0;
 
 /// The quantity that increases, and its step.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,10 +51,10 @@ impl SweepKind {
             "translation" => Self::TranslationM(given.unwrap_or(0.05)),
             "rotation" => Self::RotationDeg(given.unwrap_or(2.0)),
             "occlusion" => match given.unwrap_or(1.0) {
-                posts if posts.fract() == 0.0 && posts <= MOST_POSTS => Self::Posts(posts as usize),
+                posts if posts.fract() == 0.0 && posts <= MAX_POSTS => Self::Posts(posts as usize),
                 _ => {
                     return Err(wrong(&format!(
-                        "it must be a whole number of posts up to {MOST_POSTS}"
+                        "it must be a whole number of posts up to {MAX_POSTS}"
                     )));
                 }
             },
@@ -84,7 +84,7 @@ impl SweepKind {
         let (step, most, unit) = match self {
             Self::TranslationM(step) => (step, FARTHEST_MOVE, "m"),
             Self::RotationDeg(step) => (step, FARTHEST_TURN, "degrees"),
-            Self::Posts(step) => (step as f64, MOST_POSTS, "posts"),
+            Self::Posts(step) => (step as f64, MAX_POSTS, "posts"),
         };
         let count = options.views - 1;
         if step * count as f64 > most {

@@ -31,7 +31,7 @@ pub(super) enum Surface {
 
 /// Maximum number of mirrors and panes that light passes on its way to the camera; any further one
 /// is black.
-const MOST_LAYERS: u32 = 5;
+const MAX_LAYERS: u32 = 5;
 
 impl Object {
     pub(super) fn new(shape: SurfaceShape, surface: Surface, casts: bool) -> Self {
@@ -265,7 +265,7 @@ impl World {
         };
         let size = sample * sight.rays.sqrt();
         let point = *point * share;
-        let seen = self.seen(hit.object, &meeting, point, direction, size, MOST_LAYERS);
+        let seen = self.seen(hit.object, &meeting, point, direction, size, MAX_LAYERS);
         seen * (light.exposure * sight.rays)
     }
 

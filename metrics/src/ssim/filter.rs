@@ -7,7 +7,7 @@ const BLOCK: usize = 32;
 /// Maximum number of filtered quantities: a, b, a² + b², a b, and if the covariance is bounded, a².
 pub(super) const QUANTITIES: usize = 5;
 /// Minimum variance in dm_pix: f32's ε squared.
-const LEAST_VARIANCE: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;
+const MIN_VARIANCE: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;
 
 #[derive(Clone, Copy)]
 pub(super) struct Constants {
@@ -76,8 +76,8 @@ fn filter_along_y_body(rows: &[&[f64]], half: &[f64], constants: Constants, out:
             let mut covariance = constants.covariance * (products[i] - ab);
             if constants.bounded {
                 let of_a = squares_a[i] - a * a;
-                let of_b = (variances - of_a).max(LEAST_VARIANCE);
-                let of_a = of_a.max(LEAST_VARIANCE);
+                let of_b = (variances - of_a).max(MIN_VARIANCE);
+                let of_a = of_a.max(MIN_VARIANCE);
                 variances = of_a + of_b;
                 let bound = (of_a * of_b).sqrt();
                 covariance = covariance.clamp(-bound, bound);

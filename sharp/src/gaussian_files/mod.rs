@@ -43,7 +43,7 @@ pub fn turn(
 }
 
 /// Maximum number of bytes or pixels that one byte of a file may decompress to. Real files stay below 20.
-const MOST_EXPANSION: usize = 256;
+const MAX_EXPANSION: usize = 256;
 
 /// Advice on converting unsupported formats.
 const CONVERT: &str = "convert it with `npx @playcanvas/splat-transform IN OUT.ply`";
@@ -129,7 +129,7 @@ fn unfolding(error: &std::io::Error) -> String {
 
 /// Decompresses exactly `expected` bytes from a stream that takes `packed` bytes in the file.
 fn unfold(stream: impl Read, expected: usize, packed: usize) -> Result<Vec<u8>, String> {
-    if expected / MOST_EXPANSION > packed {
+    if expected / MAX_EXPANSION > packed {
         return Err(format!(
             "its header claims {expected} bytes, which {packed} compressed bytes cannot hold"
         ));

@@ -9,7 +9,7 @@ use image::codecs::webp::WebPDecoder;
 use image::{DynamicImage, ImageDecoder};
 use serde_json::Value;
 
-use super::MOST_EXPANSION;
+use super::MAX_EXPANSION;
 use crate::ply::{
     Decoded, FileMarks, Generator, PlyReason, SplatRenderMode, StoredColors, StoredForm,
     StoredOpacity, StoredScales, completed, degree_of,
@@ -38,7 +38,7 @@ pub(super) fn from_archive(bytes: &[u8]) -> Result<Decoded, PlyReason> {
         let what = "a zip archive without meta.json, so not a SOG; unpack it (unzip)";
         return Err(PlyReason::Foreign(what.to_owned()));
     }
-    let limit = bytes.len().saturating_mul(MOST_EXPANSION) as u64;
+    let limit = bytes.len().saturating_mul(MAX_EXPANSION) as u64;
     read(|name| {
         let file = archive.by_name(name).map_err(|error| match error {
             zip::result::ZipError::FileNotFound => "it is not in the archive",
@@ -223,7 +223,7 @@ impl Sog {
         // A picture of a single colour takes hardly any bytes, so the limit is based on the size of
         // all files together.
         let held: usize = self.files.values().map(Vec::len).sum();
-        if area / MOST_EXPANSION > held {
+        if area / MAX_EXPANSION > held {
             return Err(picture(format!(
                 "{width}×{height} pixels, which {held} bytes cannot hold"
             )));

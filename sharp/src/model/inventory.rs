@@ -146,7 +146,7 @@ impl CheckpointSource {
                 .take_while(|value| **value == 0.0)
                 .count();
             let share = zeros as f64 / values.len().max(1) as f64;
-            if share >= LEAST_ZERO_TAIL {
+            if share >= MIN_ZERO_TAIL {
                 count += 1;
                 first.get_or_insert((name, share));
             }
@@ -219,7 +219,7 @@ pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_esti
 /// Minimum number of values by which larger tensors are compared.
 const SAMPLED: usize = 256;
 /// Minimum share of zeros at the end of a tensor that are taken for missing values.
-const LEAST_ZERO_TAIL: f64 = 0.1;
+const MIN_ZERO_TAIL: f64 = 0.1;
 
 const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";
 const ALIGNMENT_CONVOLUTION: &str = "depth_alignment.scale_map_estimator.encoder.conv_in.0.weight";

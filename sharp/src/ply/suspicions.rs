@@ -1,7 +1,7 @@
 //! Detection of wrong encodings from the stored numbers alone.
 //!
 //! The thresholds are empirical: none fires on real files of seven programs, and each fires on incorrectly written
-//! files. Columns with a single value are ignored as fresh initialisations, and files with fewer than [`LEAST`]
+//! files. Columns with a single value are ignored as fresh initialisations, and files with fewer than [`MIN_GAUSSIANS`]
 //! Gaussians are not judged. The component order of quaternions cannot be detected from numbers: in files of real
 //! scenes, any of the four components may be the largest.
 
@@ -12,9 +12,9 @@ use crate::gaussians::Gaussians;
 use crate::random::mix;
 
 /// Files with fewer Gaussians are not judged.
-const LEAST: usize = 20;
+const MIN_GAUSSIANS: usize = 20;
 /// Minimum share of the different Gaussians that occur more than once.
-const LEAST_REPEATED: f64 = 0.05;
+const MIN_REPEATED: f64 = 0.05;
 
 /// A doubt about the encoding of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -39,7 +39,7 @@ impl Suspicion {
 /// given ones and, for the rest, the format's own.
 pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -> Vec<Suspicion> {
     let finite: Vec<usize> = (0..stored.len()).filter(|&k| stored.is_finite(k)).collect();
-    if finite.len() < LEAST {
+    if finite.len() < MIN_GAUSSIANS {
         return Vec::new();
     }
     let of = |values: &[[f32; 3]]| -> Vec<f32> {
@@ -166,7 +166,7 @@ fn repetition(stored: &Gaussians, finite: &[usize]) -> Option<Suspicion> {
     let (different, repeated) = groups.fold((0, 0), |(all, repeated), group| {
         (all + 1, repeated + usize::from(group.len() > 1))
     });
-    (repeated >= LEAST && repeated as f64 >= LEAST_REPEATED * different as f64).then(|| {
+    (repeated >= MIN_GAUSSIANS && repeated as f64 >= MIN_REPEATED * different as f64).then(|| {
         let share = 100.0 * (1.0 - different as f64 / finite.len() as f64);
         let text = format!(
             "{share:.0} % of its Gaussians repeat another one exactly, which makes them more opaque: was the file \
@@ -264,7 +264,7 @@ pub fn enormous_scale(gaussians: &Gaussians) -> Option<f32> {
     let most = scales.last().copied()?;
     let median = scales[scales.len() / 2];
     let extent = extent(gaussians, &finite);
-    let is_wide = finite.len() >= LEAST && extent > 0.0 && median > extent;
+    let is_wide = finite.len() >= MIN_GAUSSIANS && extent > 0.0 && median > extent;
     match (most > 1e6, is_wide) {
         (true, _) => Some(most),
         (false, true) => Some(median),

@@ -369,7 +369,7 @@ fn compensate(by: Compensation, c: &mut Columns, n: usize) {
     /// 0.005² rounded to f32.
     const FLOOR: f64 = 2.5e-5_f32 as f64;
     /// Mip-Splatting's 1e-6 rounded to f32.
-    const LEAST: f64 = 1e-6_f32 as f64;
+    const EPSILON: f64 = 1e-6_f32 as f64;
     if by == Compensation::None {
         return;
     }
@@ -379,8 +379,8 @@ fn compensate(by: Compensation, c: &mut Columns, n: usize) {
             Compensation::None => 1.0,
             Compensation::Root => (without / with).sqrt(),
             Compensation::FlooredRoot => (without / with).max(FLOOR).sqrt(),
-            Compensation::MipSplatting if with <= LEAST || without <= LEAST => 0.0,
-            Compensation::MipSplatting => (without / (with + LEAST) + LEAST).sqrt(),
+            Compensation::MipSplatting if with <= EPSILON || without <= EPSILON => 0.0,
+            Compensation::MipSplatting => (without / (with + EPSILON) + EPSILON).sqrt(),
         };
     }
 }

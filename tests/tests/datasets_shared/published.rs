@@ -152,7 +152,7 @@ pub(super) fn calibrations_of_2021(folder: &Path) -> Outcome {
 /// The models of the undistorted pictures: every observation is where its camera sees the point.
 /// COLMAP keeps observations with errors of up to 4 pixels.
 pub(super) fn eth3d(folder: &Path) -> Outcome {
-    const MOST_PX: f64 = 4.0;
+    const MAX_PX: f64 = 4.0;
     let set = tempfile::tempdir()?;
     let mut views = 0;
     for scene in ["office", "pipes", "relief_2"] {
@@ -195,7 +195,7 @@ pub(super) fn eth3d(folder: &Path) -> Outcome {
                 all += 1;
                 let seen = DVec2::new(observation[0], observation[1]);
                 let found = lens.project(pose.apply(*point));
-                close += u32::from(found.is_some_and(|p| p.distance(seen) < MOST_PX));
+                close += u32::from(found.is_some_and(|p| p.distance(seen) < MAX_PX));
             }
         }
         check(

@@ -130,7 +130,7 @@ pub(super) struct MetricsArgs {
 
 /// A mask that keeps a smaller share of the pixels is probably inverted, because most masks exclude
 /// a person, a sky or a logo.
-const LEAST_LEFT: f64 = 0.2;
+const MIN_LEFT: f64 = 0.2;
 
 pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     let selection = args.selection()?;
@@ -229,7 +229,7 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
         format!("{lossy} of {all} are {LOSSY}")
     });
     let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
-    let inverted = (mean_left < LEAST_LEFT).then(|| {
+    let inverted = (mean_left < MIN_LEFT).then(|| {
         format!(
             "--mask: on average only {:.1} % of the pixels are white, which means scored; if white \
              marks the pixels to exclude, invert the masks",

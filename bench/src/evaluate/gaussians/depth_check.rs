@@ -10,14 +10,14 @@ use crate::pairs::valid_depth::{is_valid_depth, median_of};
 /// rendered × true, which is constant for inverse depth.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
 /// Minimum depth factor that may indicate another unit. Predictions without a unit are off by less.
-const LEAST_FACTOR: f64 = 1.5;
+const MIN_FACTOR: f64 = 1.5;
 /// Minimum ratio of the factor's logarithm to the spread of depth ratios, which is due to prediction errors.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
 /// Minimum number of pixels on which ray lengths are compared.
 const FEWEST_RAYS: usize = 300;
 /// Minimum spread of the logarithms of depth ratios that may be due to ray lengths. In a narrow field of view, ray
 /// lengths hardly differ.
-const LEAST_SPREAD: f64 = 0.01;
+const MIN_SPREAD: f64 = 0.01;
 /// Maximum share of that spread that may remain after correcting for ray lengths.
 const LEFT_BY_RAYS: f64 = 0.4;
 
@@ -64,7 +64,7 @@ pub(super) fn depth_doubt(
         );
         return Some((None, text));
     }
-    let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
+    let is_unit = middle.abs() > MIN_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
     for (of_ray, what) in [
         (
             1.0,
@@ -80,7 +80,7 @@ pub(super) fn depth_doubt(
         // Correcting fully must leave less spread than no correction, half of it, or one and a half times as much.
         let left = |share: f64| Some(middle_and_spread(1.0, share * of_ray)?.1);
         let (half, own, more) = (left(0.5)?, left(1.0)?, left(1.5)?);
-        let is_ray = spread >= LEAST_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);
+        let is_ray = spread >= MIN_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);
         if is_ray && both.len() >= FEWEST_RAYS && !is_unit {
             let text = format!(
                 "its Gaussians are {what} ({id}); no setting corrects this; a ray's length is z times that factor, with x \

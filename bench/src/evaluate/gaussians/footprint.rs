@@ -11,19 +11,19 @@ use crate::rendering::shared::HOLE_ALPHA;
 /// Side of a tile, pixels, as in gsplat.
 const TILE: f64 = 16.0;
 /// Minimum alpha that is blended.
-const LEAST_ALPHA: f64 = 1.0 / 255.0;
+const MIN_ALPHA: f64 = 1.0 / 255.0;
 /// The projection is linearised up to this distance outside the picture, as a fraction of its sides.
 const MARGIN: f64 = 0.15;
 
 /// Columns and rows of the grid whose empty parts are found.
 const PARTS: (u32, u32) = (8, 6);
 /// A part is empty if at most this share of it is covered.
-const MOST_COVERED: f64 = 0.02;
+const MAX_COVERED: f64 = 0.02;
 /// Minimum share of a picture that counts as missing.
-const LEAST_MISSING: f64 = 0.3;
+const MIN_MISSING: f64 = 0.3;
 /// Minimum share of a picture's detail in empty parts. A sky or a plain background, where Gaussians may be missing on
 /// purpose, has hardly any.
-const LEAST_DETAIL: f64 = 0.2;
+const MIN_DETAIL: f64 = 0.2;
 
 /// The share of a photograph that Gaussians with this alpha leave empty; `None` unless it is large, connected and full
 /// of detail.
@@ -47,12 +47,12 @@ pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -
             }
         }
     }
-    let empty = |part: &&(f64, f64, f64)| part.1 <= MOST_COVERED * part.0;
+    let empty = |part: &&(f64, f64, f64)| part.1 <= MAX_COVERED * part.0;
     let detail: f64 = parts.iter().map(|part| part.2).sum();
     let lost: f64 = parts.iter().filter(empty).map(|part| part.2).sum();
     let covered: f64 = parts.iter().map(|part| part.1).sum();
     let missing = 1.0 - covered / alpha.len().max(1) as f64;
-    (missing >= LEAST_MISSING && detail > 0.0 && lost >= LEAST_DETAIL * detail).then_some(missing)
+    (missing >= MIN_MISSING && detail > 0.0 && lost >= MIN_DETAIL * detail).then_some(missing)
 }
 
 /// The share of pixels with this alpha that no Gaussian covers.
@@ -86,11 +86,11 @@ pub(in crate::evaluate) fn covered_tiles(gaussians: &Gaussians, view: &RenderVie
 /// Extent of a Gaussian in x and y, pixels; `None` if it is not drawn.
 fn reach(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<[(f64, f64); 2]> {
     let opacity = f64::from(gaussians.opacities[at]);
-    if opacity < LEAST_ALPHA {
+    if opacity < MIN_ALPHA {
         return None;
     }
     let Projected { centre, rows } = projected(gaussians, at, view)?;
-    let sigmas = (2.0 * (opacity / LEAST_ALPHA).ln()).sqrt();
+    let sigmas = (2.0 * (opacity / MIN_ALPHA).ln()).sqrt();
     let low_pass = f64::from(view.rule.low_pass);
     let reach = rows.into_iter().zip(centre).map(|(row, centre)| {
         let reach = sigmas * (row.length_squared() + low_pass).sqrt();

@@ -9,7 +9,7 @@ use crate::scoring::Region;
 const COARSE: (u32, u32) = (16, 12);
 /// A picture counts as blurred if at least this share of the photograph's contrast is missing.
 /// Pictures of other views have full contrast.
-const LEAST_BLUR: f64 = 0.4;
+const MIN_BLUR: f64 = 0.4;
 /// Maximum width and height compared, pixels.
 const SIDES: (u32, u32) = (160, 120);
 /// Minimum gain of another reading, dB. If a file was read correctly, other readings change the error by only some
@@ -25,9 +25,9 @@ const HARDLY: f64 = 1.1;
 /// A picture explains a photograph if it accounts for at least this share of its variance.
 const EXPLAINED: f64 = 0.5;
 /// The contrasts of a picture and its photograph are reported if one is at least this multiple of the other.
-const OTHER_CONTRAST: f64 = 1.6;
+const MIN_CONTRAST_RATIO: f64 = 1.6;
 /// Minimum gain from correcting brightness and contrast, dB.
-const OF_CONTRAST: f64 = 6.0;
+const MIN_CONTRAST_GAIN_DB: f64 = 6.0;
 /// Pictures count as equal below this mean squared error, levels²: rounding and truncation to 8 bit differ by less.
 const ROUNDING: f64 = 1.0;
 
@@ -252,8 +252,9 @@ impl Likeness {
             error, residual, ..
         } = Errors::of(self.total);
         let gain = 10.0 * (error / residual).log10();
-        let is_other = contrast > 0.0 && contrast.ln().abs() >= OTHER_CONTRAST.ln();
-        (is_other && self.explains() && gain >= OF_CONTRAST).then(|| (contrast, self.psnr() + gain))
+        let is_other = contrast > 0.0 && contrast.ln().abs() >= MIN_CONTRAST_RATIO.ln();
+        (is_other && self.explains() && gain >= MIN_CONTRAST_GAIN_DB)
+            .then(|| (contrast, self.psnr() + gain))
     }
 
     /// Whether this picture explains its photograph, and is significantly closer to it than `other` is to its own.
@@ -343,7 +344,7 @@ pub(in crate::evaluate) fn blur(photograph: &RgbImage, picture: &RgbImage) -> Op
     let coarse = |all| thumbnail(all, COARSE.0, COARSE.1);
     let fit = Likeness::of(&coarse(photograph), Region::whole(COARSE), &coarse(picture));
     let lacks = 1.0 - shown / seen.max(1.0);
-    (lacks >= LEAST_BLUR && fit.explains()).then_some(lacks)
+    (lacks >= MIN_BLUR && fit.explains()).then_some(lacks)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Detects Gaussians whose means were transformed without their other attributes, which no setting corrects.
+//! Detects Gaussians that were transformed wrongly in a way that no setting corrects.
 
 use glam::{DMat3, DQuat, DVec3};
 use sharp::gaussians::Gaussians;
@@ -7,19 +7,20 @@ use sharp::render::RenderError;
 use super::likeness::Likeness;
 use super::rereading::{FACING, Seen, Trial};
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
+use crate::pairs::PosedCamera;
 
 /// Factors of standard deviations to try.
 const WIDTHS: [f64; 8] = [1.0 / 3.0, 0.1, 0.01, 0.001, 3.0, 10.0, 100.0, 1000.0];
 /// Minimum gain with narrower standard deviations, dB. Crude but correct Gaussians gain less.
-const OF_NARROWER: f64 = 4.0;
+const MIN_NARROWER_GAIN_DB: f64 = 4.0;
 /// Minimum gain with wider standard deviations, dB. Correct Gaussians with holes gain less.
-const OF_WIDER: f64 = 6.0;
+const MIN_WIDER_GAIN_DB: f64 = 6.0;
 /// Minimum gain with a factor that the depth suggests, dB.
-const OF_WIDTHS: f64 = 1.0;
+const MIN_WIDTHS_GAIN_DB: f64 = 1.0;
 /// Wider Gaussians are tried only up to this many per pixel.
-const MOST_LAYERS: f64 = 300.0;
+const MAX_LAYERS: f64 = 300.0;
 /// Minimum rotation that is tried, degrees.
-const LEAST_TURN_DEG: f64 = 3.0;
+const MIN_TURN_DEG: f64 = 3.0;
 
 impl Trial<'_> {
     /// The comparison after multiplying standard deviations by a factor, if it is significantly better than `as_read`.
@@ -32,7 +33,9 @@ impl Trial<'_> {
     ) -> Result<Option<Likeness>, RenderError> {
         let other = with_widths(gaussians, factor);
         let fit = self.fit(&other, reading.placement.camera_from_file(self.source))?;
-        Ok(fit.filter(|fit| fit.is_better_than(as_read) && fit.gain_over(as_read) >= OF_WIDTHS))
+        Ok(fit.filter(|fit| {
+            fit.is_better_than(as_read) && fit.gain_over(as_read) >= MIN_WIDTHS_GAIN_DB
+        }))
     }
 
     /// The factor that makes the Gaussians match far better if their standard deviations are multiplied by it. Factors
@@ -55,10 +58,14 @@ impl Trial<'_> {
                 break;
             }
             let other = with_widths(gaussians, factor);
-            if factor > 1.0 && Seen::of(&other, map, &self.source.intrinsics).layers > MOST_LAYERS {
+            if factor > 1.0 && Seen::of(&other, map, &self.source.intrinsics).layers > MAX_LAYERS {
                 break;
             }
-            let least = if factor < 1.0 { OF_NARROWER } else { OF_WIDER };
+            let least = if factor < 1.0 {
+                MIN_NARROWER_GAIN_DB
+            } else {
+                MIN_WIDER_GAIN_DB
+            };
             if let Some(fit) = self.fit(&other, map)?
                 && fit.is_better_than(as_read)
                 && fit.gain_over(as_read) >= least
@@ -105,6 +112,25 @@ impl Trial<'_> {
         Ok(best)
     }
 
+    /// The comparison of Gaussians in world space under the inverse of the source's pose, if it is significantly better
+    /// than `as_read`.
+    pub(in crate::evaluate) fn fit_with_inverse_pose(
+        &self,
+        gaussians: &Gaussians,
+        reading: &FileReading,
+        as_read: &Likeness,
+    ) -> Result<Option<Likeness>, RenderError> {
+        if reading.placement.space != FileSpace::World {
+            return Ok(None);
+        }
+        let inverse = PosedCamera {
+            camera_from_world: self.source.camera_from_world.inverse(),
+            ..self.source.clone()
+        };
+        let fit = self.fit(gaussians, reading.placement.camera_from_file(&inverse))?;
+        Ok(fit.filter(|fit| fit.is_better_than(as_read)))
+    }
+
     /// Rotations of the placement as a whole, of the source's pose and of `transform=`, each in both directions, and
     /// half turns about the axes.
     fn turns(&self, placement: Placement) -> Vec<DQuat> {
@@ -133,8 +159,8 @@ impl Trial<'_> {
         for turn in all {
             let is_new = kept
                 .iter()
-                .all(|known| degrees(turn * known.inverse()) > LEAST_TURN_DEG);
-            if is_new && degrees(turn) > LEAST_TURN_DEG {
+                .all(|known| degrees(turn * known.inverse()) > MIN_TURN_DEG);
+            if is_new && degrees(turn) > MIN_TURN_DEG {
                 kept.push(turn);
             }
         }

@@ -21,7 +21,7 @@ use crate::scoring::Region;
 
 /// A reading is tried only if it has at most this many Gaussians per pixel on average; no
 /// photograph needs more.
-const MOST_LAYERS: f64 = 3000.0;
+const MAX_LAYERS: f64 = 3000.0;
 /// Minimum gain in the source that makes rendering other views worthwhile, dB.
 const WORTH_A_LOOK: f64 = 0.25;
 /// Loss in the source's fit that rules out a form of the numbers, dB.
@@ -41,11 +41,11 @@ const BEYOND_CHANCE: f64 = 2.0;
 const RECOLORED: f64 = 6.0;
 /// [`RECOLORED`] for a form whose brightness and contrast are already the best fit.
 const RECOLORED_EXACTLY: f64 = 2.0;
-/// Relative change of the focal length below which [`OF_SMALL_ZOOM`] is needed: Gaussians with a wrong shape may fit
+/// Relative change of the focal length below which [`MIN_SMALL_ZOOM_GAIN_DB`] is needed: Gaussians with a wrong shape may fit
 /// better by chance if they are slightly enlarged.
 const SMALL_ZOOM: f64 = 0.05;
 /// Minimum gain of a small change of the focal length, dB.
-const OF_SMALL_ZOOM: f64 = 1.0;
+const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
 /// Minimum average number of Gaussians per pixel for which standard deviations may be logarithms to the base of 10.
 const WIDE_LAYERS: f64 = 500.0;
 /// Minimum share of a view that Gaussians cover if they show all of the view.
@@ -205,7 +205,7 @@ impl Trial<'_> {
         camera_from_file: DAffine3,
     ) -> Result<Option<RenderOutput>, RenderError> {
         let mut seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
-        if seen.members.is_empty() || seen.layers > MOST_LAYERS {
+        if seen.members.is_empty() || seen.layers > MAX_LAYERS {
             return Ok(None);
         }
         // Among Gaussians at equal depth, the first covers the others. In the order of a file, this would shift the
@@ -342,8 +342,9 @@ impl Trial<'_> {
                     (own[axis] / other[axis] - 1.0).abs()
                 });
                 let zoom = zooms.into_iter().fold(0.0, f64::max);
-                let is_chance =
-                    zoom > 0.0 && zoom < SMALL_ZOOM && fit.gain_over(fit_before) < OF_SMALL_ZOOM;
+                let is_chance = zoom > 0.0
+                    && zoom < SMALL_ZOOM
+                    && fit.gain_over(fit_before) < MIN_SMALL_ZOOM_GAIN_DB;
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
                 // The source alone decides between two forms of colours: in other views, wrong geometry causes blur,

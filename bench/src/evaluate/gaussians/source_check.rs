@@ -46,7 +46,7 @@ pub const SOURCE_DEPTH: &str = "source_depth_m";
 pub const SOURCE_BLUR: &str = "source_blur";
 
 /// Other readings are tried only if at least this share of the photograph is valid.
-const LEAST_VALID: f64 = 0.95;
+const MIN_VALID: f64 = 0.95;
 /// PSNR of the source's rendering above which no other reading is tried, dB.
 const RIGHT_DB: f64 = 38.0;
 /// Gain below which a setting may only compensate for wrong standard deviations, dB.
@@ -55,7 +55,7 @@ const WEAK_DB: f64 = 3.0;
 /// instead of divided by it: its square, 0.08.
 const SQUARED_CONSTANT: RangeInclusive<f64> = 0.06..=0.1;
 /// Minimum share of empty pixels that suggests that Gaussians were removed.
-const LEAST_HOLES: f64 = 0.02;
+const MIN_HOLES: f64 = 0.02;
 /// Minimum number of pixels of a photograph on which other readings are tried; smaller photographs do not show a
 /// Gaussian's shape.
 const FEWEST_PIXELS: usize = 1200;
@@ -144,8 +144,7 @@ pub(in crate::evaluate) fn check_source(
         extras: extras.collect(),
         warnings: prediction.warnings.clone(),
     };
-    let counts =
-        |mask: &Mask| mask.count() as f64 >= LEAST_VALID * photograph.pixels().len() as f64;
+    let counts = |mask: &Mask| mask.count() as f64 >= MIN_VALID * photograph.pixels().len() as f64;
     let Some(reading) = prediction
         .reading
         .filter(|_| source.valid.is_none_or(counts))
@@ -253,6 +252,8 @@ struct Findings<'a> {
     other: Option<OtherView<'a>>,
     /// Rotation of the quaternions in degrees.
     turned: Option<(f64, Likeness)>,
+    /// Under the inverse of the source's pose.
+    inverse: Option<Likeness>,
     missing: Option<f64>,
     holes: f64,
     is_lost: bool,
@@ -296,9 +297,12 @@ impl<'a> Findings<'a> {
             }
         }
         let other = other_view(prediction, reading, trial, elsewhere, &compared, &shown)?;
-        let turned = match is_right {
-            true => None,
-            false => trial.other_turn(gaussians, reading, &compared)?,
+        let (turned, inverse) = match is_right {
+            true => (None, None),
+            false => (
+                trial.other_turn(gaussians, reading, &compared)?,
+                trial.fit_with_inverse_pose(gaussians, reading, &compared)?,
+            ),
         };
         let missing = match seen.missing.filter(|_| better.is_none() && other.is_none()) {
             Some(_) if trial.is_whole_elsewhere(gaussians, reading, elsewhere)? => None,
@@ -320,19 +324,23 @@ impl<'a> Findings<'a> {
             better,
             other,
             turned: None,
+            inverse: None,
             missing,
             holes: seen.holes,
             is_lost,
             id: trial.source.id.clone(),
         };
         found.turned = turned.filter(|(_, fit)| found.is_best(fit));
+        found.inverse = inverse.filter(|fit| found.is_best(fit));
         Ok(found)
     }
 
-    /// Whether a comparison is closer than those with another reading and with another view.
+    /// Whether a comparison is closer than those with another reading, another view and turned quaternions.
     fn is_best(&self, fit: &Likeness) -> bool {
         let better = self.better.iter().map(|(_, fit)| fit);
-        let mut known = better.chain(self.other.iter().map(|other| &other.fit));
+        let turned = self.turned.iter().map(|(_, fit)| fit);
+        let other = self.other.iter().map(|other| &other.fit);
+        let mut known = better.chain(turned).chain(other);
         known.all(|known| fit.error() < known.error())
     }
 
@@ -344,6 +352,14 @@ impl<'a> Findings<'a> {
     ) -> Option<(String, String)> {
         let shown = &self.shown;
         let (topic, text) = match (&self.better, &self.other) {
+            _ if let Some(fit) = &self.inverse => (
+                "pose",
+                format!(
+                    "{shown}; with the inverse of its pose: {:.2} dB: they were moved to world space with the \
+                     world-to-camera extrinsics, which no setting corrects; use camera-to-world",
+                    fit.psnr()
+                ),
+            ),
             _ if let Some((degrees, fit)) = &self.turned => (
                 "rotations",
                 format!(
@@ -377,7 +393,7 @@ impl<'a> Findings<'a> {
                 // Another order of quaternions turns Gaussians at random, which also covers holes.
                 let may_cover = matches!(changes[..], [("quaternions", _)])
                     && fit.psnr() < self.compared.psnr() + WEAK_DB;
-                let holes = match may_cover && self.holes >= LEAST_HOLES {
+                let holes = match may_cover && self.holes >= MIN_HOLES {
                     true => format!(
                         " and leave {:.0} % of its pixels empty (were Gaussians removed?)",
                         100.0 * self.holes
@@ -407,7 +423,7 @@ impl<'a> Findings<'a> {
                 ),
             ),
             // Holes also lower the contrast.
-            _ if self.holes < LEAST_HOLES
+            _ if self.holes < MIN_HOLES
                 && let Some((contrast, fitted)) = self.as_read.contrast() =>
             {
                 let cause = match SQUARED_CONSTANT.contains(&contrast) {
@@ -455,7 +471,9 @@ fn add_doubts(
         )
     };
     let other_widths = || -> Result<Option<String>, RenderError> {
-        if found.as_read.psnr() >= RIGHT_DB || found.missing.is_some() || found.turned.is_some() {
+        let is_explained =
+            found.missing.is_some() || found.turned.is_some() || found.inverse.is_some();
+        if found.as_read.psnr() >= RIGHT_DB || is_explained {
             return Ok(None);
         }
         let widths = trial.other_widths(gaussians, reading, &found.compared, seen.is_blurred)?;

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::methods::{MOST_EXTRAS, SourceView, TargetCamera};
+use crate::methods::{MAX_EXTRAS, SourceView, TargetCamera};
 use crate::pairs::description::PairDescription;
 
 /// The source's files, by absolute path.
@@ -94,9 +94,9 @@ impl Answer {
                 excerpt(&answer.pair_id)
             ));
         }
-        if answer.extras.len() > MOST_EXTRAS {
+        if answer.extras.len() > MAX_EXTRAS {
             return Err(format!(
-                "it sent {} extras; a method reports at most {MOST_EXTRAS}",
+                "it sent {} extras; a method reports at most {MAX_EXTRAS}",
                 answer.extras.len()
             ));
         }

@@ -10,7 +10,7 @@ use crate::scoring::Region;
 
 /// Minimum width of a printed column in multiples of the font size, so that a score with four
 /// decimals fits.
-const LEAST_EMS: f64 = 3.0;
+const MIN_EMS: f64 = 3.0;
 
 /// Sizes of a sheet in pixels.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,7 +55,7 @@ impl SheetMedium {
             .pixels()
             .saturating_sub(gap.saturating_mul(columns - 1));
         let tile = room / columns;
-        let least = (LEAST_EMS * style.font_pixels()).ceil();
+        let least = (MIN_EMS * style.font_pixels()).ceil();
         if f64::from(tile) < least {
             let needed = f64::from(columns) * least + f64::from(gap) * f64::from(columns - 1);
             let reason = style.narrow(needed / f64::from(style.pixels()));

@@ -28,7 +28,7 @@ const RELATIVE: f64 = 0.05;
 /// Pixels up to this distance from a depth edge belong to it.
 const EDGE_RADIUS: i64 = 3;
 /// A class has scores only if it has at least this share of a pair's scored pixels.
-const LEAST_SHARE: f64 = 0.001;
+const MIN_SHARE: f64 = 0.001;
 
 /// Class of a target pixel, for methods that use only the source. If several classes apply, the first in this order is
 /// taken.
@@ -293,7 +293,7 @@ fn of_pair<'a>(
             let scores = [of_side(&sides[0])?, of_side(&sides[1])?];
             Some(PairChange::new(metric, a, scores))
         };
-        let changes = metrics.iter().map(|metric| match share < LEAST_SHARE {
+        let changes = metrics.iter().map(|metric| match share < MIN_SHARE {
             true => None,
             false => change(metric),
         });

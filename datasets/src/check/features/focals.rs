@@ -8,11 +8,11 @@ use super::super::change::{Change, Focal};
 use super::super::convention::CONVENTIONS;
 use super::super::search::{is_reportable, least};
 use super::super::small_view::ray;
-use super::{CLOSE, LEAST_MORE, Matches, compared, miss, pixel, share};
+use super::{CLOSE, MIN_MORE, Matches, compared, miss, pixel, share};
 use crate::View;
 
 /// Minimum fraction of matches that other focal lengths must explain to be reported.
-const LEAST_OF_FOCALS: f64 = 0.85;
+const MIN_OF_FOCALS: f64 = 0.85;
 /// Number of focal lengths tried in each direction, up to a factor of 2, and the ratio between consecutive ones.
 const FOCALS: (i32, f64) = (20, 1.0353);
 /// Maximum difference of the fraction of matches explained by square pixels and by the best factor of fx or fy alone.
@@ -66,7 +66,7 @@ impl Matches<'_> {
             let factor = if is_square { square } else { best };
             let explained = explained(factor);
             let is_better = is_reportable(factor)
-                && share(&explained) >= LEAST_OF_FOCALS
+                && share(&explained) >= MIN_OF_FOCALS
                 && compared(as_read, &explained).is_some();
             let times = which.times(factor);
             let stretch = (first.fx * times.x / (first.fy * times.y)).ln().abs();
@@ -96,7 +96,7 @@ impl Matches<'_> {
             .flat_map(|which| OTHER_FOCALS.map(|by| which.times(by)));
         others.any(|times| {
             let other = self.with_focals(|_| times);
-            self::share(&other.explained(CONVENTIONS[0].take, &Some)) > share - LEAST_MORE
+            self::share(&other.explained(CONVENTIONS[0].take, &Some)) > share - MIN_MORE
         })
     }
 }

@@ -29,7 +29,7 @@ const CELLS: (u32, u32) = (14, 10);
 /// Radius of the patch around a feature that is compared.
 const RADIUS: u32 = 3;
 /// Minimum correlation of a match.
-const LEAST_ALIKE: f32 = 0.85;
+const MIN_ALIKE: f32 = 0.85;
 /// Maximum ratio of the best match's distance to that of the second best; a distance is 1 − correlation.
 const UNIQUE: f32 = 0.6;
 /// Maximum distance between a match and its epipolar line, in pixels.
@@ -38,22 +38,22 @@ const NEAR: f64 = 1.0;
 const CLOSE: f64 = 3.0;
 /// Minimum width and height of reduced views; smaller ones are skipped, because a pixel is too large a fraction of
 /// them.
-const LEAST_SIDE: u32 = 48;
+const MIN_SIDE: u32 = 48;
 /// Minimum number of matches on which a judgement is based.
-pub(super) const LEAST_MATCHES: usize = 30;
+pub(super) const MIN_MATCHES: usize = 30;
 /// Minimum fraction of matches that another interpretation must explain.
-const LEAST_SHARE: f64 = 0.6;
+const MIN_SHARE: f64 = 0.6;
 /// Minimum increase of the explained fraction over the dataset reader's own interpretation.
-const LEAST_MORE: f64 = 0.2;
+const MIN_MORE: f64 = 0.2;
 /// Minimum increase of the number of explained matches, in standard errors.
-const LEAST_ERRORS: f64 = 4.0;
+const MIN_ERRORS: f64 = 4.0;
 /// Maximum number of views whose poses are tried, two at a time, for two pictures.
-const MOST_TRIED: usize = 48;
+const MAX_TRIED: usize = 48;
 /// Minimum fraction of matches that the poses of other views must explain to be reported.
-const LEAST_ELSEWHERE: f64 = 0.75;
+const MIN_ELSEWHERE: f64 = 0.75;
 /// Maximum fraction of matches that the pictures' own poses may explain if the poses of other views are reported. Above
 /// this, the pictures' own poses may merely be imprecise, and one of many alternatives may fit better by chance.
-const MOST_AS_READ: f64 = 0.5;
+const MAX_AS_READ: f64 = 0.5;
 
 /// Two views whose poses fit two pictures, a description, and the matches that they explain.
 type Elsewhere = ((usize, usize), String, Vec<Option<bool>>);
@@ -71,7 +71,7 @@ impl<'a> Matches<'a> {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
         let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
         let grey = |i: &usize| Some((*i, SmallView::new(&views[*i], false, WIDEST)?.grey()));
-        let is_large = |(_, grey): &(usize, Grey)| grey.size().0.min(grey.size().1) >= LEAST_SIDE;
+        let is_large = |(_, grey): &(usize, Grey)| grey.size().0.min(grey.size().1) >= MIN_SIDE;
         let grey = wanted.iter().filter_map(grey).filter(is_large);
         let grey: BTreeMap<usize, Grey> = grey.collect();
         let mut matches = Vec::new();
@@ -100,11 +100,11 @@ impl<'a> Matches<'a> {
     pub(super) fn note(&self) -> String {
         let explained = self.explained(CONVENTIONS[0].take, &Some);
         let (n, share) = (self.matches.len(), share(&explained));
-        let unjudged = match share >= LEAST_SHARE && self.leaves_focals_open(share) {
+        let unjudged = match share >= MIN_SHARE && self.leaves_focals_open(share) {
             true => ", from which focal lengths cannot be judged",
             false => "",
         };
-        match n >= LEAST_MATCHES {
+        match n >= MIN_MATCHES {
             true => format!(
                 "poses: without depth, {:.0} % of {n} features that match between neighbouring views lie on their \
                  epipolar lines{unjudged}",
@@ -117,7 +117,7 @@ impl<'a> Matches<'a> {
     }
 
     pub(super) fn contradiction(&self, units: Units) -> Option<String> {
-        if self.matches.len() < LEAST_MATCHES {
+        if self.matches.len() < MIN_MATCHES {
             return None;
         }
         let as_read = self.explained(CONVENTIONS[0].take, &Some);
@@ -202,12 +202,12 @@ impl<'a> Matches<'a> {
             let own = self.matches.iter().zip(as_read);
             let own = own.filter(|(found, _)| found.0 == first);
             let own: Vec<Option<bool>> = own.map(|(_, explained)| *explained).collect();
-            if share(&own) > MOST_AS_READ {
+            if share(&own) > MAX_AS_READ {
                 assigned.extend([(first, first), (first + 1, first + 1)]);
             } else if let Some(((a, b), text, explained)) = self.elsewhere(first, as_read) {
                 assigned.extend([(first, a), (first + 1, b)]);
                 found.push((text, explained));
-            } else if own.len() >= LEAST_MATCHES {
+            } else if own.len() >= MIN_MATCHES {
                 return Vec::new();
             }
         }
@@ -220,7 +220,7 @@ impl<'a> Matches<'a> {
     /// The poses of other views that explain most of the matches of a view and the next one.
     fn elsewhere(&self, first: usize, as_read: &[Option<bool>]) -> Option<Elsewhere> {
         let all = 0..self.views.len();
-        let some = evenly_spaced(self.views.len(), MOST_TRIED);
+        let some = evenly_spaced(self.views.len(), MAX_TRIED);
         let pairs = some.iter().flat_map(|a| some.iter().map(|b| (*a, *b)));
         let pairs = pairs.chain(all.clone().map(|a| (a, first + 1)));
         let pairs = pairs.chain(all.map(|b| (first, b)));
@@ -240,8 +240,8 @@ impl<'a> Matches<'a> {
         let id = |i: usize| &self.views[i].id;
         let (one, next) = (id(first), id(first + 1));
         let text = format!("{one} and {next} fit the poses of {} and {}", id(a), id(b));
-        let is_needed = share(&own) <= MOST_AS_READ;
-        (is_needed && share(&best) >= LEAST_ELSEWHERE).then_some(((a, b), text, best))
+        let is_needed = share(&own) <= MAX_AS_READ;
+        (is_needed && share(&best) >= MIN_ELSEWHERE).then_some(((a, b), text, best))
     }
 
     /// For each match, true if an interpretation explains it; `None` if one of its pictures would have no pose.
@@ -310,10 +310,10 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
         count((true, false)),
         count((true, true)),
     );
-    let is_better = both.len() >= LEAST_MATCHES
-        && gained + kept >= LEAST_SHARE * both.len() as f64
-        && gained - lost >= LEAST_MORE * both.len() as f64
-        && gained - lost >= LEAST_ERRORS * (gained + lost).sqrt();
+    let is_better = both.len() >= MIN_MATCHES
+        && gained + kept >= MIN_SHARE * both.len() as f64
+        && gained - lost >= MIN_MORE * both.len() as f64
+        && gained - lost >= MIN_ERRORS * (gained + lost).sqrt();
     is_better.then_some(Compared {
         matches: both.len(),
         before: (lost + kept) as usize,
@@ -442,7 +442,7 @@ fn matching(
         let alike: f32 = wanted.iter().zip(other).map(|(a, b)| a * b).sum();
         (alike, (x, y))
     });
-    let found = found.filter(|(alike, _)| *alike > LEAST_ALIKE - (1.0 - LEAST_ALIKE));
+    let found = found.filter(|(alike, _)| *alike > MIN_ALIKE - (1.0 - MIN_ALIKE));
     let found: Vec<(f32, (u32, u32))> = found.collect();
     let (best, place) = found.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
     let is_elsewhere =
@@ -452,7 +452,7 @@ fn matching(
         .filter(is_elsewhere)
         .map(|found| found.0)
         .fold(0.0, f32::max);
-    (best >= LEAST_ALIKE && 1.0 - best < UNIQUE * (1.0 - next)).then_some(place)
+    (best >= MIN_ALIKE && 1.0 - best < UNIQUE * (1.0 - next)).then_some(place)
 }
 
 #[cfg(test)]
@@ -473,7 +473,7 @@ mod tests {
                 assert_eq!(matches.contradiction(Units::default()), None, "{seed}");
                 let explained = matches.explained(|pose| *pose, &Some);
                 assert!(
-                    explained.len() > LEAST_MATCHES && share(&explained) > 0.6,
+                    explained.len() > MIN_MATCHES && share(&explained) > 0.6,
                     "{}",
                     matches.note()
                 );

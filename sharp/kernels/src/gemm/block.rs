@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::gemm::micro::{KC, MicroTile, stride_for};
 use crate::gemm::packed::PackedView;
-use crate::gemm::{Epilogue, MOST_ROWS};
+use crate::gemm::{Epilogue, MAX_TASK_ROWS};
 use crate::math::{gelu, relu};
 use crate::simd::per_instruction_set;
 use crate::workspace::SharedOut;
@@ -12,7 +12,7 @@ use crate::workspace::SharedOut;
 /// Maximum number of rows of a tile, over all instruction sets.
 const MAX_ROWS: usize = 16;
 /// Maximum number of row tiles of a block, over all instruction sets.
-const MAX_TILES: usize = MOST_ROWS / 4;
+const MAX_TILES: usize = MAX_TASK_ROWS / 4;
 
 /// One task's share of a product: some rows of `A`, some panels of `B`.
 pub(crate) struct ProductBlock<'a> {

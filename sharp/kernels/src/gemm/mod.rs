@@ -36,9 +36,9 @@ pub enum Epilogue<'a> {
 
 /// Maximum rows of a task. Their runs of k fill a large part of a 1 MiB L2 cache, and the weights
 /// are read once for all of them.
-pub(crate) const MOST_ROWS: usize = 296;
+pub(crate) const MAX_TASK_ROWS: usize = 296;
 /// Maximum columns of a task. Each task copies the rows it needs, so fewer columns would repeat that copy more often.
-const MOST_COLUMNS: usize = 2048;
+const MAX_COLUMNS: usize = 2048;
 /// Minimum columns of a task when splitting to keep all threads busy.
 const FEWEST_COLUMNS: usize = 128;
 
@@ -75,9 +75,9 @@ impl TaskCut {
 
 impl Tasks {
     pub(crate) fn new(tile: &MicroTile, m: usize, n: usize) -> Self {
-        let rows = TaskCut::new(m.div_ceil(tile.mr), MOST_ROWS / tile.mr);
+        let rows = TaskCut::new(m.div_ceil(tile.mr), MAX_TASK_ROWS / tile.mr);
         let enough = 3 * rayon::current_num_threads();
-        let mut columns = MOST_COLUMNS;
+        let mut columns = MAX_COLUMNS;
         let mut panels = TaskCut::new(n.div_ceil(tile.nr), columns / tile.nr);
         while rows.count() * panels.count() < enough && columns > FEWEST_COLUMNS {
             columns /= 2;

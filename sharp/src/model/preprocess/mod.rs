@@ -23,7 +23,7 @@ use crate::image_file::{self, AlphaRule, OrientationRule, PictureRules};
 
 /// Minimum focal length, in picture widths, that is accepted without a warning: a field of view of
 /// 136 degrees.
-const LEAST_WIDTHS: f64 = 0.2;
+const MIN_WIDTHS: f64 = 0.2;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhotoOptions {
@@ -147,7 +147,7 @@ fn photo_from_bytes(
     if !(focal_px.is_finite() && focal_px > 0.0) {
         return refuse(format!("a focal length of {focal_px} pixels"));
     }
-    if focal_source == FocalSource::Given && focal_px < LEAST_WIDTHS * width as f64 {
+    if focal_source == FocalSource::Given && focal_px < MIN_WIDTHS * width as f64 {
         warnings.push(format!(
             "a focal length of {focal_px} px would be a field of view of {:.0} degrees in a picture {width} pixels \
              wide: is it in millimetres? On 35 mm film, {focal_px} mm would be {:.2} px; set --focal-px",

@@ -6,7 +6,7 @@ use crate::ply::GaussianScene;
 use crate::ply::write::{comments, srgb};
 
 /// Logarithms of scales are clamped to ± this.
-const MOST_SCALE: f32 = 20.0;
+const MAX_SCALE: f32 = 20.0;
 
 /// Encodes the scene as a compressed PLY, ordered so that neighbouring Gaussians share a chunk.
 ///
@@ -38,7 +38,7 @@ pub fn to_compressed_bytes(scene: &GaussianScene) -> Vec<u8> {
         }
     }
     let mut out = (text + "end_header\n").into_bytes();
-    let scales = |k: usize| g.scales[k].map(|s| s.ln().clamp(-MOST_SCALE, MOST_SCALE));
+    let scales = |k: usize| g.scales[k].map(|s| s.ln().clamp(-MAX_SCALE, MAX_SCALE));
     let colors = |k: usize| g.colors[k].map(|c| srgb(c, scene.reading.blending));
     let mut packed = Vec::with_capacity(n * 16);
     for first in (0..n).step_by(CHUNK) {

@@ -10,7 +10,7 @@ use super::passes::Passes;
 use super::readback::copy_home;
 use super::scene::GpuScene;
 use super::sort::{PAIR_BYTES, SortBuffers};
-use super::subframe::{LEAST_TILE, SubFrame};
+use super::subframe::{MIN_TILE, SubFrame};
 
 /// Threads per workgroup of the passes over Gaussians and pairs.
 const GROUP: u32 = 256;
@@ -74,7 +74,7 @@ pub(super) struct Frame<'a> {
     pub(super) view: &'a RenderView,
     /// Whether the pixels are copied to the host.
     pub(super) copied: bool,
-    /// Side of a tile in pixels: a power of two of at least [`LEAST_TILE`]. If the rule limits the support to tiles, a
+    /// Side of a tile in pixels: a power of two of at least [`MIN_TILE`]. If the rule limits the support to tiles, a
     /// tile is no larger than the rule's, because a list applies to all pixels of its tile.
     pub(super) tile: u32,
 }
@@ -320,5 +320,5 @@ impl Frame<'_> {
 /// Side of the GPU's tiles for a requested side.
 pub(super) fn tile_side(wanted: usize) -> u32 {
     // `wanted` is at most 32.
-    (wanted as u32).max(LEAST_TILE)
+    (wanted as u32).max(MIN_TILE)
 }

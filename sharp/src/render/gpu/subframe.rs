@@ -1,7 +1,7 @@
 //! Rectangles of tiles that are binned and rasterised together.
 
 /// Minimum side of a tile in pixels: the side of the squares that `raster` processes.
-pub(super) const LEAST_TILE: u32 = 8;
+pub(super) const MIN_TILE: u32 = 8;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct SubFrame {

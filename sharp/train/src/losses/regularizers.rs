@@ -6,7 +6,7 @@ use super::{GradientNorm, InverseDepthUnits, Loss, LossOptions, SplatVariance, s
 /// σ and ε of [`grad`], in units of inverse depth.
 const DEPTH_MARGIN: f64 = 1e-2;
 /// δ of [`delta`], in raw outputs of the network.
-const MOST_DELTA: f64 = 400.0;
+const MAX_DELTA: f64 = 400.0;
 /// Bounds of [`splat`], px².
 const VARIANCES: [f64; 2] = [0.1, 100.0];
 
@@ -172,7 +172,7 @@ pub fn delta(raw: &[f32]) -> Loss<f32> {
     let share = 2.0 / raw.len().max(1) as f64;
     sum_over(raw.len(), |i| {
         let raw = f64::from(raw[i]);
-        let beyond = raw.abs() - MOST_DELTA;
+        let beyond = raw.abs() - MAX_DELTA;
         if beyond > 0.0 {
             (beyond * share, (sign(raw) * share) as f32)
         } else {

@@ -422,6 +422,18 @@ fn an_inverted_transform_is_named() {
 }
 
 #[test]
+fn gaussians_moved_to_the_world_by_the_inverse_pose_are_named() {
+    let mut reading = FileReading::of_arrays();
+    reading.placement.space = FileSpace::World;
+    let pose = source().camera_from_world;
+    let round = mapped(&wall(), DAffine3::IDENTITY);
+    let said = |pose: RigidTransform| doubt_about_world(mapped(&round, pose.to_affine()), reading);
+    assert_eq!(said(pose.inverse()), None);
+    let text = said(pose).unwrap_or_default();
+    assert!(text.contains("with the inverse of its pose: "), "{text}");
+}
+
+#[test]
 fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
     let round = mapped(&wall(), DAffine3::IDENTITY);
     let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
