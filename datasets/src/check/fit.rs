@@ -39,8 +39,10 @@ const LARGE: f64 = 1.25;
 /// Fraction to which colour differences must be reduced to accept a factor above [`LARGE`].
 const LESS: f64 = 0.6;
 
-/// Samples per view in a quick search for a factor.
-const FINE_SAMPLES: usize = 800;
+/// Samples per view in the coarse part of a search for a factor.
+const COARSE_SAMPLES: usize = 600;
+/// Samples per view in the fine part, of a quick and of a thorough check.
+const FINE_SAMPLES: [usize; 2] = [800, 3000];
 
 impl Neighbours<'_> {
     /// The interpretation that explains the views best, if significantly better than the dataset reader's own.
@@ -310,11 +312,8 @@ impl Neighbours<'_> {
 
     /// Factor with the least loss.
     pub(super) fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
-        let coarse = 4 * self.stride;
-        let fine = match self.thorough {
-            true => self.stride,
-            false => self.stride_of(FINE_SAMPLES),
-        };
+        let coarse = self.stride_of(COARSE_SAMPLES).max(4 * self.stride);
+        let fine = self.stride_of(FINE_SAMPLES[usize::from(self.thorough)]);
         let as_read = landed(&self.explained(&Reading::AS_READ, coarse));
         least(n, step, &|factor, is_coarse| {
             let stride = if is_coarse { coarse } else { fine };

@@ -1,6 +1,7 @@
 //! Detection of a single view whose picture, depth or pose is wrong among correct ones.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec3};
 use sharp::camera::{RigidTransform, baseline_m};
@@ -21,12 +22,14 @@ const MIN_OFF: f64 = 0.03;
 const MIN_WORSE: f64 = 1.15;
 /// Number of views on either side with which a view is compared.
 const REACH: usize = 2;
+/// Samples per view in the search for a depth factor and a pose.
+const SEARCH_SAMPLES: usize = 1000;
 
 /// A view with the samples of its depth, and its pose.
 #[derive(Clone)]
 struct Posed {
     view: SmallView,
-    samples: Vec<Sample>,
+    samples: Arc<[Sample]>,
     pose: RigidTransform,
 }
 
@@ -42,7 +45,7 @@ impl Posed {
 
     fn to(&self, other: &Self, stride: usize) -> Explained {
         let poses = (&self.pose, &other.pose);
-        let from = (&self.view, self.samples.as_slice());
+        let from = (&self.view, &*self.samples);
         Explained::new(from, &other.view, poses, &Reading::AS_READ, stride)
     }
 }
@@ -65,11 +68,12 @@ impl Neighbours<'_> {
             if near.len() < 2 {
                 continue;
             }
-            let links = |one: &Posed| -> Vec<Explained> {
-                let both =
-                    |other: &&Posed| [one.to(other, self.stride), other.to(one, self.stride)];
+            let links_by = |one: &Posed, stride: usize| -> Vec<Explained> {
+                let both = |other: &&Posed| [one.to(other, stride), other.to(one, stride)];
                 near.iter().flat_map(both).collect()
             };
+            let links = |one: &Posed| links_by(one, self.stride);
+            let rough = self.stride_of(SEARCH_SAMPLES);
             let others = near.windows(2);
             let others: Vec<Explained> = others
                 .map(|pair| pair[0].to(pair[1], self.stride))
@@ -79,7 +83,7 @@ impl Neighbours<'_> {
             if mean_loss(&read) <= MIN_WORSE * mean_loss(&others) {
                 continue;
             }
-            for (what, other) in self.changed(own, &|one| mean_loss(&links(one))) {
+            for (what, other) in self.changed(own, &|one| mean_loss(&links_by(one, rough))) {
                 let mended = links(&other);
                 if mean_loss(&mended) > wanted || !is_better(&read, &mended, MIN_GAIN_OF_VIEWS) {
                     continue;
@@ -117,15 +121,7 @@ impl Neighbours<'_> {
                 changed.push((format!("{noun} {how}"), Posed::new(view, own.pose)));
             }
         }
-        let scaled = |factor: f64| {
-            let mut scaled = own.clone();
-            scaled.view = own.view.with_depth_times(factor);
-            scaled
-                .samples
-                .iter_mut()
-                .for_each(|sample| sample.depth *= factor);
-            scaled
-        };
+        let scaled = |factor: f64| Posed::new(own.view.with_depth_times(factor), own.pose);
         let factor = least(20, 1.2, &|factor, _| loss(&scaled(factor)));
         if is_reportable(factor) {
             let what = format!("its depth should be multiplied by {}", number(factor));
