@@ -239,17 +239,25 @@ impl Neighbours<'_> {
     }
 
     /// View `i` with the parts `moves` of view `from`.
-    fn shown(&self, i: usize, from: usize, moves: Moves) -> Option<Read<'_>> {
-        let read = &self.small[&i];
+    fn shown_view(&self, i: usize, from: usize, moves: Moves) -> Option<Cow<'_, SmallView>> {
+        let (view, _) = &self.small[&i];
         if moves == Moves::Poses || from == i {
-            return Some(Cow::Borrowed(read));
+            return Some(Cow::Borrowed(view));
         }
-        let own = self.small.get(&from).map(|(view, _)| view);
-        let view = read
-            .0
-            .with_depth_of(own.or_else(|| self.around.get(&from))?)?;
-        let samples = view.samples().collect();
-        Some(Cow::Owned((view, samples)))
+        let other = self.small.get(&from).map(|(view, _)| view);
+        let other = other.or_else(|| self.around.get(&from))?;
+        view.with_depth_of(other).map(Cow::Owned)
+    }
+
+    /// [`Self::shown_view`] with its samples.
+    fn shown(&self, i: usize, from: usize, moves: Moves) -> Option<Read<'_>> {
+        Some(match self.shown_view(i, from, moves)? {
+            Cow::Borrowed(_) => Cow::Borrowed(&self.small[&i]),
+            Cow::Owned(view) => {
+                let samples = view.samples().collect();
+                Cow::Owned((view, samples))
+            }
+        })
     }
 
     /// Evaluates the projections as if picture i had the parts `moves` of view `of(i)`. `None` for a projection if one
@@ -264,7 +272,6 @@ impl Neighbours<'_> {
             let from = if moves == Moves::Depth { i } else { of(i)? };
             Some(&self.views.get(from)?.camera_from_world)
         };
-        let shown = |i: usize| self.shown(i, of(i)?, moves);
         let carries = self.carries.iter().zip(as_read);
         let carries = carries.map(|((a, b), read)| {
             let from = (of(*a)?, of(*b)?);
@@ -276,10 +283,11 @@ impl Neighbours<'_> {
             if from.0 == from.1 {
                 return None;
             }
-            let (a, b) = (shown(*a)?, shown(*b)?);
+            let a = self.shown(*a, from.0, moves)?;
+            let b = self.shown_view(*b, from.1, moves)?;
             Some(Explained::new(
                 (&a.0, &a.1),
-                &b.0,
+                &b,
                 poses,
                 &Reading::AS_READ,
                 self.stride,
