@@ -112,7 +112,7 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         return Err(UsageError(reason.to_owned()).into());
     }
     if args.anatomy && !comparison.has_pictures() {
-        let reason = "--anatomy needs pictures that both runs kept: `run --keep all`";
+        let reason = "--anatomy needs pictures that both runs kept (`run --keep all`)";
         return Err(UsageError(reason.to_owned()).into());
     }
     let terminal = Terminal::default();

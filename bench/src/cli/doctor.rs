@@ -77,7 +77,7 @@ fn findings() -> Vec<Finding> {
         None => finding(
             "ffmpeg",
             "not in PATH",
-            "needed only for `render --out x.mp4`; Debian: apt-get install ffmpeg",
+            "needed only for `render --out x.mp4` (Debian: apt-get install ffmpeg)",
         ),
     });
     let weights = Weights::at_hand();
@@ -127,9 +127,9 @@ fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
     let chosen = adapters.iter().position(|adapter| !adapter.software);
     let of_adapter = |(index, adapter): (usize, &AdapterFacts)| {
         let advice = match (adapter.software, chosen == Some(index)) {
-            (true, _) => "software: used only when named, `render --adapter NAME`",
+            (true, _) => "software, used only if named (`render --adapter NAME`)",
             (false, true) => "used by `render` by default",
-            (false, false) => "used when named, `render --adapter NAME`",
+            (false, false) => "used if named (`render --adapter NAME`)",
         };
         finding(WHAT, &adapter.name, advice)
     };

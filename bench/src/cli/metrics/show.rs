@@ -213,7 +213,7 @@ impl ScoredPairs<'_> {
             let value = number(form.value);
             writeln!(
                 f,
-                "{} is {} ({value}), which is not among the columns here",
+                "{} is {} ({value}), a variant that was not selected",
                 sought.text, form.name
             )?;
             writeln!(f, "    {}", form.convention)?;

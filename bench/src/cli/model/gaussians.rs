@@ -124,7 +124,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     false => "",
                 };
                 output::remark(format!(
-                    "note: {} {}, {} {}: rendering={}{colors} renders it as before",
+                    "note: {} {}, but {} {}; rendering={}{colors} renders the new file like the old one",
                     ply.display(),
                     says(&made_for),
                     out.display(),
@@ -262,8 +262,8 @@ fn describe(scene: &GaussianScene) -> Info {
     }
     if behind > 0.1 {
         implausible.push(format!(
-            "{:.0} % are behind the camera: the axes may be OpenGL's, or the file may not be in \
-             camera space",
+            "{:.0} % are behind the camera; perhaps the axes are OpenGL's, or the file is not in camera \
+             space",
             100.0 * behind
         ));
     }

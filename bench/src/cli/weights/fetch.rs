@@ -167,8 +167,7 @@ fn transfer(
     }
     if is_sharp && !args.accept_licence {
         bail!(
-            "nothing was fetched: read the licence above and accept it with --accept-licence; or \
-             {by_hand}"
+            "nothing was fetched; read the licence above and accept it with --accept-licence, or {by_hand}"
         );
     }
     let terminal = Terminal::default();

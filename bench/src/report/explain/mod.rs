@@ -65,7 +65,7 @@ pub fn explain_run(
 ) -> Result<ExplainedRun, RowError> {
     let path = run.path.clone();
     if path.is_file() {
-        let reason = "it is not a run folder; a bundle has no pictures to score again".to_owned();
+        let reason = "it is not a run folder (a bundle has no pictures to score again)".to_owned();
         return Err(RowError::Unusable { path, reason });
     }
     let manifest = Results::read(&path)?.manifest;

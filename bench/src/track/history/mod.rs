@@ -148,7 +148,7 @@ fn check(occasion: &Occasion) -> Result<(), String> {
     match is_date(&occasion.date) {
         true => Ok(()),
         false => Err(format!(
-            "the date '{}' is not of the form YYYY-MM-DD or YYYY-MM-DDTHH:MM, or not in the calendar",
+            "the date '{}' is not in the calendar or not of the form YYYY-MM-DD or YYYY-MM-DDTHH:MM",
             visible_line(&occasion.date)
         )),
     }
