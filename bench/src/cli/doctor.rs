@@ -167,10 +167,10 @@ mod tests {
         let found = gpu_adapters(&[adapter("A", false), adapter("B", false), adapter("C", true)]);
         let advice: Vec<&str> = found.iter().map(|f| f.advice.as_str()).collect();
         assert!(advice[0].contains("by default"));
-        assert!(advice[1].contains("when named") && !advice[1].contains("software"));
+        assert!(advice[1].contains("if named") && !advice[1].contains("software"));
         assert!(advice[2].contains("software"));
         let software_only = gpu_adapters(&[adapter("C", true)]);
-        assert!(software_only[0].advice.contains("only when named"));
+        assert!(software_only[0].advice.contains("only if named"));
         assert!(gpu_adapters(&[])[0].found.contains("none"));
     }
 }

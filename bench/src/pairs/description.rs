@@ -181,8 +181,8 @@ pub(crate) fn conventions() -> BTreeMap<&'static str, &'static str> {
         ),
         (
             "pictures",
-            "8-bit sRGB, undistorted and resized: exactly the pixels that are scored; those that the dataset's masks exclude \
-             are black and not scored",
+            "8-bit sRGB, undistorted and resized: exactly the pixels that are scored; pixels that the dataset's \
+             masks exclude are black and not scored",
         ),
         (
             "depth",

@@ -95,7 +95,7 @@ impl Frame {
                 let width = 8 * rounded(width / 8.0);
                 if width < to_w {
                     return Err(format!(
-                        "frame={self}: a view of {w}x{h} is too narrow for it"
+                        "frame={self}: a view of {w}x{h} is too narrow for this rule"
                     ));
                 }
                 fit((width, to_h), (to_w, to_h))

@@ -223,7 +223,7 @@ fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, S
     let file: TableFile =
         serde_json::from_slice(&bytes).map_err(|error| format!("damaged ({error})"))?;
     if file.format != FORMAT || file.key != key {
-        return Err("it is another scene's table".to_owned());
+        return Err("it is the table of a different scene".to_owned());
     }
     if file.content.sha256().as_ref() != Some(&file.sha256) {
         return Err("damaged (its checksum differs)".to_owned());

@@ -69,8 +69,8 @@ impl OpenDepth {
     }
 }
 
-const NEEDS_DEPTH_PRO: &str = "overlap=depth-pro: there is no depth_pro.pt in torch's hub folder or in sharp-bench's \
-                               cache; pass the file with --overlap-checkpoint FILE";
+const NEEDS_DEPTH_PRO: &str = "overlap=depth-pro needs depth_pro.pt, which is neither in torch's hub folder nor in \
+                               sharp-bench's cache; pass the file with --overlap-checkpoint FILE";
 
 impl PairRecipe {
     /// A recipe that uses the dataset's own depth.
@@ -237,7 +237,7 @@ impl PairRecipe {
             Some(given) => match given.digest(&dataset.scenes)? {
                 (0, _) => {
                     let reason = format!(
-                        "--overlap-depth: no map found for any view of '{}'",
+                        "--overlap-depth has no map for any view of '{}'",
                         dataset.name
                     );
                     return Err(PairError::Recipe(reason));
@@ -267,7 +267,8 @@ impl PairRecipe {
             return Err(PairError::DatasetSpec {
                 spec: own.config.to_string(),
                 reason:
-                    "--ambiguity varies one set of pair options for all datasets: remove those of this spec and use --pair-options"
+                    "--ambiguity varies one set of pair options for all datasets; remove those of this spec and use \
+                     --pair-options"
                         .to_owned(),
             });
         }

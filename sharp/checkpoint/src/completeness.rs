@@ -41,7 +41,7 @@ impl fmt::Display for Incomplete {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{}: does not fit the model: {} missing, {} surplus, {} of another shape",
+            "{}: does not fit the model ({} missing, {} surplus, {} of another shape)",
             self.path.display(),
             self.missing.len(),
             self.surplus.len(),

@@ -100,7 +100,10 @@ pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<Contents, Fault> {
         };
         let [start, end] = entry.data_offsets;
         if start > end || end > data_len {
-            return malformed!("tensor '{name}': bytes {start}..{end} of {data_len}: truncated?");
+            return malformed!(
+                "tensor '{name}': bytes {start}..{end} lie beyond the {data_len} bytes of data \
+                               (truncated?)"
+            );
         }
         spans.push((start, end));
         match TensorLayout::contiguous(dtype, entry.shape, base + start..base + end, file.len()) {

@@ -58,8 +58,9 @@ fn broken_quaternions(quaternions: &[[f32; 4]]) -> Option<Suspicion> {
     let off = off.count();
     (20 * off > quaternions.len()).then(|| {
         let text = format!(
-            "{:.0} % of its quaternions do not have length 1, so these Gaussians are rotated wrongly: were they not \
-             normalised, or did their bytes overflow? Write 128 + 128 q of unit quaternions, clamped to 0..255",
+            "{:.0} % of its quaternions do not have length 1, so these Gaussians are rotated wrongly; perhaps they \
+             were not normalised, or their bytes overflowed (the format stores 128 + 128 q of unit quaternions, \
+             clamped to 0..255)",
             100.0 * off as f64 / quaternions.len() as f64
         );
         Suspicion::new("quaternion bytes", text)

@@ -42,7 +42,7 @@ pub enum ImageFileError {
     /// The file is truncated, damaged, or violates its format.
     #[error("{0}")]
     Damaged(String),
-    #[error("the picture is {width}x{height}, without a pixel")]
+    #[error("the picture is {width}x{height}, so it has no pixels")]
     Empty { width: u32, height: u32 },
     #[error("the header declares {width}x{height} pixels, which {file_bytes} bytes cannot hold")]
     Oversized {
@@ -57,12 +57,12 @@ pub enum ImageFileError {
     )]
     TooLarge { width: u32, height: u32 },
     #[error(
-        "{percent:.1} % of its pixels are not opaque: alpha=black or alpha=white composites it over that colour, \
+        "{percent:.1} % of its pixels are not opaque; alpha=black or alpha=white composites it over that colour, \
          alpha=drop uses its colours as stored"
     )]
     Alpha { percent: f64 },
     #[error(
-        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or \
+        "its colour profile '{name}' cannot be converted to sRGB ({reason}); convert the file, or \
          use its stored values with color=as-stored"
     )]
     Profile { name: String, reason: &'static str },
@@ -71,7 +71,8 @@ pub enum ImageFileError {
     )]
     FloatingPoint,
     #[error(
-        "its 16-bit values end at {highest}, as if {bits}-bit values had been stored unscaled: multiply them by {factor}"
+        "its 16-bit values end at {highest}, as if {bits}-bit values had been stored unscaled; multiply them by \
+         {factor}"
     )]
     Unscaled {
         highest: u16,

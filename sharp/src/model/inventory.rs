@@ -56,7 +56,7 @@ impl CheckpointSource {
             ModelError::File {
                 path: path.to_owned(),
                 reason: format!(
-                    "its names have several prefixes ({}): save the tensors of only one network",
+                    "its names have several prefixes ({}); save the tensors of only one network",
                     prefixes.collect::<Vec<_>>().join(", ")
                 ),
             }
@@ -95,7 +95,8 @@ impl CheckpointSource {
             && stride != config.gaussian_stride
         {
             return Err(ModelError::Config(format!(
-                "`{}`: Gaussian stride {}, but the weights in {} have stride {stride}: set `gaussian_stride`",
+                "`{}` has Gaussian stride {}, but the weights in {} have stride {stride}; set `gaussian_stride` to \
+                 {stride}",
                 config.preset,
                 config.gaussian_stride,
                 self.file.path().display()
@@ -106,8 +107,8 @@ impl CheckpointSource {
             && found != layers
         {
             return Err(ModelError::Config(format!(
-                "`{}`: the alignment network receives {layers} depth layers, but {found} with the weights in {}: set \
-                 `alignment_input`",
+                "the alignment network of `{}` receives {layers} depth layers, but the weights in {} expect \
+                 {found}; set `alignment_input` to match",
                 config.preset,
                 self.file.path().display()
             )));
@@ -164,15 +165,16 @@ impl CheckpointSource {
         }
         let repeated = repeated.first().map(|(name, other)| {
             format!(
-                "{} of its weight tensors are equal to those of another layer (first {name} to {other}), which training \
-                 does not produce: were the tensors of one layer written in place of others'? Convert it again",
+                "{} of its weight tensors are equal to those of another layer (first {name} to {other}), which \
+                 training does not produce; perhaps the tensors of one layer were written in place of others'; \
+                 convert the file again",
                 repeated.len()
             )
         });
         let zeros = first.map(|(name, share)| {
             format!(
-                "{count} of its weight tensors end in zeros (first {name}, of which {:.0} % are missing), which training \
-                 does not produce: the file was probably written or copied only in part; get it again",
+                "{count} of its weight tensors end in zeros (first {name}, of which {:.0} % are missing), which \
+                 training does not produce; the file was probably written or copied only in part, so get it again",
                 100.0 * share
             )
         });

@@ -151,8 +151,8 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<Gaussian
             return Err(rows);
         }
         let text = format!(
-            "{} bytes follow the last row announced by its header: does the header belong to another file, or were \
-             two files joined?",
+            "{} bytes follow the last row announced by its header; perhaps the header belongs to another file, or \
+             two files were joined",
             rest.len()
         );
         doubts.push(Suspicion::new("trailing bytes", text));

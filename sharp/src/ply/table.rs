@@ -170,7 +170,8 @@ impl Header {
                 ["comment" | "obj_info", ..] => comments.push(words[1..].join(" ")),
                 ["element", name, _] if elements.iter().any(|e| e.name == name) => {
                     return Err(line_error(format!(
-                        "a second element `{name}`: element names must be unique; were two files joined?"
+                        "a second element `{name}`, although element names must be unique; perhaps two files were \
+                         joined"
                     )));
                 }
                 ["element", name, count] => elements.push(Element {
@@ -213,7 +214,7 @@ fn property(words: &[&str]) -> Option<Property> {
 /// Describes a line of a property whose type is unknown.
 fn unread(line: &str) -> String {
     format!(
-        "{}: PLY has integers, float and double; convert it to float",
+        "{} is no type of PLY, which has integers, float and double; convert it to float",
         unknown(line)
     )
 }

@@ -323,7 +323,7 @@ impl TrainingConfig {
             (
                 self.aligned || self.alignment_input != Some(AlignmentInput::BothLayers),
                 "alignment_input",
-                "is \"both_layers\", but nothing is aligned: `aligned` is false",
+                "is \"both_layers\", but nothing is aligned, because `aligned` is false",
             ),
             (
                 betas.iter().all(|beta| (0.0..1.0).contains(beta)),

@@ -86,7 +86,7 @@ fn lists_are_verified_against_files() {
     // Missing data is reported, but does not stop the command.
     let other = ["pairs", "verify", "p.csv", "--dataset", SYNTHETIC, "--json"];
     let json = sharp_bench(dir.path(), &other).ends_with(4).json();
-    assert_eq!(json["absent"][0], "dataset 'M' is not given; given: S");
+    assert_eq!(json["absent"][0], "dataset 'M' is not given (given: S)");
 }
 
 #[test]

@@ -40,7 +40,7 @@ pub(super) struct FetchArgs {
 pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     let (backbones, releases) = wanted(&args.names)?;
     let Some(cache) = cache_folder() else {
-        bail!("no cache folder: set HOME or SHARP_BENCH_WEIGHTS");
+        bail!("no cache folder; set HOME or SHARP_BENCH_WEIGHTS");
     };
     let mut results = Vec::new();
     for backbone in backbones {

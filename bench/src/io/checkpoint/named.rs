@@ -30,8 +30,8 @@ pub enum NetworkError {
     },
     /// The checkpoint is Depth Pro's, but SHARP's is needed.
     #[error(
-        "{}: these are Depth Pro's weights, which predict depth instead of Gaussians; pass them to `predict --depth-only`, \
-         and give SHARP's here",
+        "{}: Depth Pro's weights, which predict depth instead of Gaussians; pass them to `predict --depth-only`, \
+         and give SHARP's weights here",
         checkpoint.display()
     )]
     DepthPro { checkpoint: PathBuf },
@@ -54,7 +54,7 @@ pub enum NetworkError {
     )]
     NotBundled { searched: Vec<PathBuf> },
     #[error(
-        "{}: not the weights that belong to this program: sha256 is {sha256}, expected {}",
+        "{}: not the weights that belong to this program (sha256 {sha256}, expected {})",
         path.display(),
         bundled::weights_sha256()
     )]

@@ -244,7 +244,9 @@ fn found(scene: &Scene, frame: &FrameName) -> Result<usize, String> {
     match frame {
         FrameName::Position(at) => match (*at as usize) < count {
             true => Ok(*at as usize),
-            false => Err(format!("position {at} of {count} views, counted from 0")),
+            false => Err(format!(
+                "position {at} is beyond the last of {count} views, counted from 0"
+            )),
         },
         FrameName::Name(name) => {
             let stem = name

@@ -220,7 +220,7 @@ impl PairOptions {
         if looks_itself && self.overlap.lookup != DepthLookup::Nearest {
             return wrong(
                 "lookup",
-                "left at its default with overlap=sparse, which searches the neighbourhood itself",
+                "left at its default with overlap=sparse, which already searches the neighbourhood",
             );
         }
         if self.overlap.max_side == Some(0) {

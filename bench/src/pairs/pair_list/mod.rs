@@ -232,7 +232,7 @@ fn absent_scene(pair: &Pair, scenes: &[Scene]) -> String {
     let given: BTreeSet<&str> = scenes.iter().map(|s| s.dataset.as_str()).collect();
     let given: Vec<&str> = given.into_iter().collect();
     format!(
-        "dataset '{}' is not given; given: {}",
+        "dataset '{}' is not given (given: {})",
         pair.dataset,
         if given.is_empty() {
             "none".to_owned()

@@ -219,7 +219,7 @@ impl FromStr for Limit {
         let (name, either_way) = (inner.unwrap_or(name), inner.is_some());
         let metric: MetricName = name.parse().map_err(|reason: String| {
             let costs = Resource::ALL.map(Resource::name).join(" ");
-            format!("'{text}': {reason}; costs: {costs}")
+            format!("'{text}': {reason}; the costs are {costs}")
         })?;
         let bound = number(value)?;
         let (is_fitting, form) = match (either_way, metric.direction()) {

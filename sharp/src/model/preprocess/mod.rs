@@ -150,7 +150,7 @@ fn photo_from_bytes(
     if focal_source == FocalSource::Given && focal_px < MIN_WIDTHS * width as f64 {
         warnings.push(format!(
             "a focal length of {focal_px} px would be a field of view of {:.0} degrees in a picture {width} pixels \
-             wide: is it in millimetres? On 35 mm film, {focal_px} mm would be {:.2} px; set --focal-px",
+             wide; perhaps it is in millimetres (on 35 mm film, {focal_px} mm would be {:.2} px); set --focal-px",
             2.0 * (width as f64 / (2.0 * focal_px)).atan().to_degrees(),
             focal_px_from_35mm(focal_px, width, height)
         ));
