@@ -174,7 +174,7 @@ impl Picture {
 /// Decodes a picture according to `rules`; palettes are expanded, CMYK becomes RGB. `fit` is the expected size.
 ///
 /// # Errors
-/// [`ImageFileError`].
+/// [`ImageFileError`] if the file is damaged or of an unsupported format, or needs a rule that `rules` leaves open.
 pub fn read(
     bytes: &[u8],
     rules: &PictureRules,
@@ -246,7 +246,7 @@ fn decode(
 /// Like [`read`], but converts to 8-bit RGB: grey is replicated; 16 bits become 8 by v / 257, rounded.
 ///
 /// # Errors
-/// [`ImageFileError`].
+/// As for [`read`].
 pub fn read_rgb8(
     bytes: &[u8],
     rules: &PictureRules,
@@ -258,7 +258,7 @@ pub fn read_rgb8(
 /// Checks that a file is complete, without decoding it (except TIFF, whose pixels can be anywhere in the file).
 ///
 /// # Errors
-/// [`ImageFileError`].
+/// [`ImageFileError`] if the file is truncated or of an unsupported format.
 pub fn check_complete(bytes: &[u8]) -> Result<(), ImageFileError> {
     let format = format::of(bytes)?;
     if format == ImageFormat::Tiff {

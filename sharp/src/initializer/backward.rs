@@ -28,7 +28,8 @@ pub struct BaseGradient {
 /// copies of each other.) The gradient is zero for invalid depth.
 ///
 /// # Errors
-/// [`InitializerError::Grid`], [`InitializerError::Length`].
+/// [`InitializerError::Grid`] for an empty or indivisible grid; [`InitializerError::Length`] if an input does not fill
+/// the grid.
 pub fn backward(
     depth: &[f32],
     normalized: &NormalizedDepth,

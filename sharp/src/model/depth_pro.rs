@@ -86,7 +86,7 @@ impl DepthProSource {
     /// Checks the file like [`CheckpointSource::check`].
     ///
     /// # Errors
-    /// [`ModelError::Config`], [`ModelError::Incomplete`].
+    /// As for [`CheckpointSource::check`].
     pub fn check(&self, config: &ModelConfig, allow_unused: &[String]) -> Result<(), ModelError> {
         self.0
             .check_for(parameters(config, self.has_fov())?, allow_unused)

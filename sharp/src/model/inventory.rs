@@ -40,7 +40,7 @@ impl CheckpointSource {
     /// (`module.`, `_orig_mod.`, `model.`) are removed.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`]; [`ModelError::File`] if names have different prefixes.
+    /// [`ModelError::Checkpoint`] if the file cannot be read; [`ModelError::File`] if names have different prefixes.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         Self::open_with(path, &inventory(&ModelConfig::release())?)
     }
@@ -77,7 +77,7 @@ impl CheckpointSource {
     /// SHA-256 of the whole file, 64 hexadecimal digits.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`].
+    /// [`ModelError::Checkpoint`] if the file cannot be read.
     pub fn sha256(&self) -> Result<String, ModelError> {
         Ok(self.file.sha256()?)
     }
@@ -120,7 +120,7 @@ impl CheckpointSource {
     /// ignored.
     ///
     /// # Errors
-    /// [`ModelError::Config`], [`ModelError::Incomplete`].
+    /// [`ModelError::Config`] for an impossible configuration; [`ModelError::Incomplete`] with all differences.
     pub fn check_part(&self, config: &ModelConfig, prefix: &str) -> Result<(), ModelError> {
         let mut parameters = inventory(config)?;
         parameters.retain(|p| p.name.starts_with(prefix));
@@ -131,7 +131,7 @@ impl CheckpointSource {
     /// equal in several layers; `None` if there are none. Layers that are zero before training do not count.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`].
+    /// [`ModelError::Checkpoint`] if the file cannot be read.
     pub fn implausible_weights(&self) -> Result<Option<String>, ModelError> {
         let (mut count, mut first) = (0, None);
         let (mut known, mut repeated) = (BTreeMap::new(), Vec::new());

@@ -69,7 +69,7 @@ impl Predictor {
     /// Builds the network with any source of weights.
     ///
     /// # Errors
-    /// [`ModelError::Config`].
+    /// [`ModelError::Config`] for an impossible configuration.
     pub fn from_source(
         config: &ModelConfig,
         source: impl WeightSource + 'static,
@@ -130,7 +130,8 @@ impl Predictor {
     ///
     /// # Errors
     /// [`ModelError::Image`] for an image of the wrong size, non-finite values or a factor that is not positive;
-    /// [`ModelError::Depth`] if the network's depth is not finite; [`ModelError::NotFinite`]; [`ModelError::Tensor`]; any error of the observer.
+    /// [`ModelError::Depth`] if the network's depth is not finite; [`ModelError::NotFinite`] if Gaussians are not
+    /// finite; [`ModelError::Tensor`] if the device fails; any error of the observer.
     pub fn predict(
         &self,
         image: Planes<'_>,
@@ -212,7 +213,7 @@ impl Predictor {
     /// `[R, R]`.
     ///
     /// # Errors
-    /// [`ModelError::Image`] for other sizes; [`ModelError::Tensor`].
+    /// [`ModelError::Image`] for other sizes; [`ModelError::Tensor`] if the device fails.
     pub fn alignment_map(&self, predicted: &[f32], known: &[f32]) -> Result<Vec<f32>, ModelError> {
         let pixels = self.config.grid().pixels();
         if [predicted.len(), known.len()] != [LAYERS * pixels, pixels] {

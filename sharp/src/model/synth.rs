@@ -28,7 +28,7 @@ impl WeightSource for Synth {
 /// time.
 ///
 /// # Errors
-/// [`ModelError::Config`]; [`ModelError::Checkpoint`] if `path` cannot be written.
+/// [`ModelError::Config`] for an impossible configuration; [`ModelError::Checkpoint`] if `path` cannot be written.
 pub fn write(config: &ModelConfig, salt: &str, path: &Path) -> Result<(), ModelError> {
     let tensors: Vec<OutTensor> = inventory(config)?
         .into_iter()

@@ -109,7 +109,7 @@ impl TrainableNetwork {
     /// Creates a network for passes on `compute`.
     ///
     /// # Errors
-    /// [`ModelError::Config`].
+    /// [`ModelError::Config`] for an impossible configuration.
     pub fn new(config: &ModelConfig, compute: Compute) -> Result<Self, ModelError> {
         Ok(Self {
             config: config.clone(),
@@ -283,7 +283,7 @@ impl TrainingPass {
     /// omitted.
     ///
     /// # Errors
-    /// [`ModelError::Image`] if a part of `upstream` has the wrong size; [`ModelError::Tensor`].
+    /// [`ModelError::Image`] if a part of `upstream` has the wrong size; [`ModelError::Tensor`] if the device fails.
     pub fn backward(
         self,
         upstream: &PassGradient,

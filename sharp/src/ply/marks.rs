@@ -94,7 +94,7 @@ impl FileMarks {
     /// also rejects files made for another.
     ///
     /// # Errors
-    /// [`PlyReason::OtherRule`].
+    /// [`PlyReason::OtherRule`] names the program that the file was made for.
     pub(crate) fn check_rule(&self, given: &StoredForm) -> Result<(), PlyReason> {
         let is_sharp = !given.takes_other_rules();
         let rule = match () {

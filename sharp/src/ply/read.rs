@@ -111,8 +111,9 @@ fn fold_filter(gaussians: &mut Gaussians, filter: &[f32]) {
 /// encoding for files that do not state it.
 ///
 /// # Errors
-/// [`PlyReason`]; [`PlyReason::ColorSpaceUnknown`] if neither the file nor `given` states the encoding;
-/// [`PlyReason::OtherForm`] and [`PlyReason::OtherRule`] for files whose numbers would be misinterpreted.
+/// [`PlyReason`] for a malformed or incomplete file; [`PlyReason::ColorSpaceUnknown`] if neither the file nor `given`
+/// states the encoding; [`PlyReason::OtherForm`] and [`PlyReason::OtherRule`] for files whose numbers would be
+/// misinterpreted.
 pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<GaussianScene, PlyReason> {
     let given: StoredForm = given.into();
     let (header, mut body) = Header::parse(bytes)?;
@@ -171,7 +172,7 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<Gaussian
 /// Rejects stored values that are impossible in an explicitly requested encoding.
 ///
 /// # Errors
-/// [`PlyReason::Impossible`].
+/// [`PlyReason::Impossible`] names the first such value and the encoding that allows it.
 pub fn check_stored(stored: &Gaussians, reading: &StoredForm) -> Result<(), PlyReason> {
     let impossible = |what, value: f32, advice| PlyReason::Impossible {
         what,

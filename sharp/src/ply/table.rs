@@ -124,7 +124,8 @@ impl Header {
     /// Parses the header of a file and returns the rest as the body.
     ///
     /// # Errors
-    /// [`TableError::NotPly`]; [`TableError::Header`], also for a header of more than 64 KiB.
+    /// [`TableError::NotPly`] if the file does not begin like a PLY; [`TableError::Header`] for a malformed header or
+    /// one of more than 64 KiB.
     pub fn parse(bytes: &[u8]) -> Result<(Self, Body<'_>), TableError> {
         let searched = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
         let mut encoding = None;

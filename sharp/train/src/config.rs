@@ -243,7 +243,7 @@ impl TrainingConfig {
     /// Reads and validates a file.
     ///
     /// # Errors
-    /// [`ConfigError`].
+    /// [`ConfigError`] if the file cannot be read or parsed, or a value is invalid.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let text = sharp::files::read_text(path).map_err(|source| ConfigError::Read {
             path: path.to_owned(),

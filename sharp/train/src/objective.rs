@@ -63,7 +63,7 @@ impl Objective {
     /// Loads the perceptual loss's network on `compute`, if that loss has a weight.
     ///
     /// # Errors
-    /// [`PerceptualError`].
+    /// [`PerceptualError`] if its weights are missing or unreadable.
     pub(crate) fn new(
         weights: LossWeights,
         options: LossOptions,
@@ -102,7 +102,7 @@ impl Objective {
     /// Losses of a pass on the picture of `example.source`.
     ///
     /// # Errors
-    /// [`ObjectiveError`].
+    /// [`ObjectiveError`] if a view cannot be rendered or the perceptual loss cannot be computed.
     pub(crate) fn cost(
         &self,
         pass: &TrainingPass,

@@ -66,7 +66,8 @@ pub enum NetworkError {
 /// `checkpoint`, searches for the official one.
 ///
 /// # Errors
-/// [`NetworkError`].
+/// [`NetworkError`] if no checkpoint is found, the file or its configuration cannot be read, or several configurations
+/// fit.
 pub fn named_network(
     checkpoint: Option<&Path>,
     config: Option<&str>,
@@ -190,7 +191,7 @@ fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
 /// The file with the bundled network's weights, searched for next to the program and in the program's source tree.
 ///
 /// # Errors
-/// [`NetworkError`].
+/// [`NetworkError`] if there is no such file, or it is not the one that belongs to this program.
 pub fn bundled_weights() -> Result<PathBuf, NetworkError> {
     let folders = own_folders().into_iter();
     let folders = folders.chain([bundled::source_folder().to_owned()]);

@@ -139,9 +139,8 @@ pub struct Problem {
 /// A file that cannot be read is a [`Problem`], not an error; other scenes are still processed.
 ///
 /// # Errors
-/// [`PairError::Options`]; [`PairError::Stopped`] if `stop` returned true;
-/// [`PairError::DuplicatePair`] if two scenes have the same dataset and id, or two views of a scene
-/// the same id.
+/// [`PairError::Options`] if the options contradict each other; [`PairError::Stopped`] if `stop` returned true;
+/// [`PairError::DuplicatePair`] if two scenes have the same dataset and id, or two views of a scene the same id.
 pub fn build_pairs(
     scenes: &[Scene],
     options: &PairOptions,

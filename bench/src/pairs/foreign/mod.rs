@@ -109,7 +109,7 @@ impl ForeignList {
     /// Reads a list.
     ///
     /// # Errors
-    /// [`PairError::File`]; [`PairError::List`] with the line of the first mistake.
+    /// [`PairError::File`] if the file cannot be read; [`PairError::List`] with the line of the first mistake.
     pub fn read(path: &Path, form: ListForm) -> Result<Self, PairError> {
         let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
         let entries = forms::parse(form, &bytes).map_err(|(line, reason)| PairError::List {

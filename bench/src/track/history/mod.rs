@@ -106,7 +106,7 @@ impl History {
 /// Metadata of a run. The label defaults to the name of its folder or file, the date to now.
 ///
 /// # Errors
-/// [`HistoryError::Occasion`].
+/// [`HistoryError::Occasion`] if the label, the commit or the date has an invalid form.
 pub fn occasion(
     run: &Path,
     label: Option<&str>,

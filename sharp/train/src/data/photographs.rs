@@ -75,8 +75,8 @@ impl FolderPhotographs {
     /// in pixels.
     ///
     /// # Errors
-    /// [`DataError::Dataset`] if the folder cannot be read; [`DataError::NoPicture`]; [`DataError::Unsplit`] if nothing
-    /// would be held out.
+    /// [`DataError::Dataset`] if the folder cannot be read; [`DataError::NoPicture`] if it has no pictures;
+    /// [`DataError::Unsplit`] if nothing would be held out.
     pub fn open(
         folder: &Path,
         held_out: Option<usize>,
