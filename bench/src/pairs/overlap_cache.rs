@@ -61,7 +61,7 @@ impl SceneOverlaps {
         self.couples.get(&a.min(b))?.get(&a.max(b))
     }
 
-    /// Whether the overlaps of these two views are known without measuring.
+    /// Whether the overlaps of views `a` and `b` are known without measuring.
     pub(super) fn knows(&self, a: usize, b: usize) -> bool {
         self.couple(a, b).is_some() || self.has_none(a) || self.has_none(b)
     }
@@ -84,7 +84,7 @@ impl SceneOverlaps {
         Some(sha256_hex(&serde_json::to_vec(self).ok()?))
     }
 
-    /// Whether the indices are valid for a scene of this many views.
+    /// Whether the indices are valid for a scene of `views` views.
     fn fits(&self, views: usize) -> bool {
         let couples = self.couples.iter();
         let mut couples = couples.flat_map(|(a, of_a)| of_a.keys().map(move |b| (*a, *b)));

@@ -32,7 +32,7 @@ pub struct DepthMaps {
 }
 
 impl PairProvenance {
-    /// The choices, as `key=value`, that are known to differ from the paper's for a dataset of this format with
+    /// The choices, as `key=value`, that are known to differ from the paper's for a dataset of the format `format` with
     /// `selected` selected pairs.
     pub fn proxies(&self, format: &str, selected: usize) -> Vec<String> {
         let kind = entry(format).map_or(PaperOverlap::Dense, |entry| entry.paper_overlap);

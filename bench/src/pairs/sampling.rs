@@ -35,7 +35,7 @@ pub struct SamplingOptions {
 }
 
 impl Default for SamplingOptions {
-    /// 512, uniformly, seed 0.
+    /// At most 512 pairs, drawn uniformly with seed 0.
     fn default() -> Self {
         Self {
             limit: Some(512),

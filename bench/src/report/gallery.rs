@@ -74,7 +74,7 @@ pub type Pictures = BTreeMap<PictureKind, Result<Thumbnail, MissingPicture>>;
 #[derive(Debug)]
 pub struct Gallery<'a> {
     pub layout: Layout,
-    /// Pairs by dataset as in the board, then by id.
+    /// Pairs, sorted by dataset as in the board, then by id.
     pub pairs: Vec<GalleryPair<'a>>,
     /// Number of pairs in the run.
     pub of: usize,
@@ -170,7 +170,7 @@ impl<'a> Gallery<'a> {
         }
     }
 
-    /// Whether any pair has a picture of this kind.
+    /// Whether any pair has a picture of the kind `kind`.
     pub(super) fn has(&self, kind: PictureKind) -> bool {
         let mut pictures = self.pairs.iter().flat_map(GalleryPair::all_pictures);
         pictures.any(|pictures| matches!(pictures.get(&kind), Some(Ok(_))))

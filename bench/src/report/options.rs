@@ -81,6 +81,6 @@ pub struct ReportComparison {
     pub details: Vec<TextGrid>,
     /// How much worse B is, by pair id and column key; used to select and sort pairs.
     pub losses: BTreeMap<String, BTreeMap<String, f64>>,
-    /// Additional files, by name.
+    /// Additional files, keyed by name.
     pub files: Vec<(String, Vec<u8>)>,
 }

@@ -8,7 +8,7 @@ use super::error_map::{averaged, hatched};
 
 /// Maximum number of depth values used to choose the ends of the colour scale.
 const SAMPLES: usize = 1 << 16;
-/// Share of values beyond each end of the colour scale.
+/// The colour scale leaves out this share of the values at each end.
 const BEYOND: f64 = 0.02;
 
 /// The picture with stripes where it is not scored.

@@ -12,7 +12,7 @@ use super::embedded::ALEXNET;
 use super::{Backbone, Weights, WeightsError, WeightsSource, WeightsUsed};
 use crate::backbone::architecture;
 
-/// Shape and values (in C order) of tensors by name.
+/// Shapes and values (in C order) of tensors, keyed by name.
 pub type NamedTensors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
 /// All tensors of a network's features, by their name after `features.`.

@@ -7,8 +7,8 @@ use crate::ply::{
 /// Bytes per Gaussian: position and standard deviations as f32, colour and opacity as bytes, the quaternion w, x, y, z
 /// as bytes for −1..1.
 const ROW: usize = 32;
-/// Maximum difference of a quaternion's length from 1; quantisation alone causes at most 0.02. A warning is given if
-/// more than one in twenty differ by more.
+/// A quaternion counts as not normalised if its length differs from 1 by more than this; quantisation alone causes at
+/// most 0.02. More than one such quaternion in twenty gives a warning.
 const OFF_UNIT: f32 = 0.1;
 
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {

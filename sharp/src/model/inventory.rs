@@ -218,9 +218,9 @@ impl CheckpointSource {
 
 /// Parts of names of layers that are zero before training.
 pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_estimator.conv_out."];
-/// Minimum number of values by which larger tensors are compared.
+/// Tensors are compared by at least this number of values; smaller ones by all of their values.
 const SAMPLED: usize = 256;
-/// Minimum share of zeros at the end of a tensor that are taken for missing values.
+/// Zeros at the end of a tensor count as missing values if they are at least this share of it.
 const MIN_ZERO_TAIL: f64 = 0.1;
 
 const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";

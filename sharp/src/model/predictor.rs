@@ -62,8 +62,10 @@ pub struct Predictor {
     compute: Compute,
 }
 
-/// Range to which disparity is clamped before conversion to depth.
-pub(super) const DISPARITY: (f32, f32) = (1e-4, 1e4);
+/// Smaller disparities are raised to this before conversion to depth.
+pub(super) const MIN_DISPARITY: f32 = 1e-4;
+/// Larger disparities are lowered to this before conversion to depth.
+pub(super) const MAX_DISPARITY: f32 = 1e4;
 
 impl Predictor {
     /// Builds the network with any source of weights.
@@ -265,7 +267,7 @@ pub(super) fn check_input(image: Planes<'_>, disparity_factor: f32) -> Result<()
 
 /// `factor / clamp(disparity)` in metres. NaN is preserved.
 pub(super) fn metric_depth(disparity: f32, factor: f32) -> f32 {
-    factor / disparity.clamp(DISPARITY.0, DISPARITY.1)
+    factor / disparity.clamp(MIN_DISPARITY, MAX_DISPARITY)
 }
 
 /// Passes base Gaussians to the observer, in the shapes of the recordings.

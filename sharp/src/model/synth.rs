@@ -14,7 +14,7 @@ use super::{ModelConfig, ModelError};
 /// Derives every parameter from its name, see [`sharp_checkpoint::deterministic`].
 #[derive(Debug, Clone, Default)]
 pub struct Synth {
-    /// Prepended to every name.
+    /// Text that is prepended to every name.
     pub salt: String,
 }
 

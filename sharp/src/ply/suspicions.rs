@@ -13,7 +13,7 @@ use crate::random::mix;
 
 /// Files with fewer Gaussians are not judged.
 const MIN_GAUSSIANS: usize = 20;
-/// Minimum share of the different Gaussians that occur more than once.
+/// Repetitions are reported if at least this share of the different Gaussians occurs more than once.
 const MIN_REPEATED: f64 = 0.05;
 
 /// A doubt about the encoding of a file.

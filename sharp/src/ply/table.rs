@@ -101,7 +101,7 @@ pub enum TableError {
     NotPly,
     #[error("header line {line}: {what}")]
     Header {
-        /// Counted from 1.
+        /// Number of the line, counted from 1.
         line: usize,
         what: String,
     },
@@ -110,9 +110,9 @@ pub enum TableError {
     #[error("element `{element}`, row {row}: `{word}` is not a number")]
     NotANumber {
         element: String,
-        /// Counted from 0.
+        /// Index of the row, counted from 0.
         row: usize,
-        /// At most 40 bytes.
+        /// The word that is not a number, at most 40 bytes of it.
         word: String,
     },
 }

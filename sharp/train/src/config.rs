@@ -152,7 +152,7 @@ impl TrainingData {
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Intervals {
-    /// 0 to disable.
+    /// Steps between two validations; 0 disables validation.
     pub validation: u64,
     pub checkpoint: u64,
     /// Number of checkpoints kept, newest first.

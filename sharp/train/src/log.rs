@@ -28,7 +28,7 @@ pub struct StepRecord {
     pub terms: [f64; TERMS.len()],
     /// The weighted sum, which training minimises.
     pub total: f64,
-    /// Norm before clipping.
+    /// Norm of the gradient before clipping.
     pub gradient_norm: f64,
     /// Duration of the step.
     pub seconds: f64,

@@ -60,7 +60,8 @@ pub(crate) struct Objective {
 }
 
 impl Objective {
-    /// Loads the perceptual loss's network on `compute`, if that loss has a weight.
+    /// An objective with these weights and options. Loads the network of the perceptual loss on `compute`, if that loss
+    /// has a weight.
     ///
     /// # Errors
     /// [`PerceptualError`] if its weights are missing or unreadable.

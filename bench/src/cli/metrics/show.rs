@@ -81,7 +81,7 @@ impl ScoredPairs<'_> {
                 .into_iter()
                 .map(|(key, _)| key.to_string());
             let others = self.other_means().into_iter();
-            let others = others.filter(|form| sought.is(form.value));
+            let others = others.filter(|form| sought.matches(form.value));
             results["found"] = found
                 .chain(others.map(|form| form.name.to_owned()))
                 .collect();
@@ -132,7 +132,7 @@ impl ScoredPairs<'_> {
     /// The metrics whose value (or mean over the pairs) prints as the sought number.
     fn found(&self, sought: &Sought) -> Vec<(MetricKey, f64)> {
         self.means()
-            .filter(|(_, value)| sought.is(*value))
+            .filter(|(_, value)| sought.matches(*value))
             .collect()
     }
 
@@ -208,7 +208,7 @@ impl ScoredPairs<'_> {
             writeln!(f, "{} is {key} ({})", sought.text, number(*value))?;
             writeln!(f, "    {}", MetricInfo::new(*key, &[]).convention)?;
         }
-        for form in others.iter().filter(|form| sought.is(form.value)) {
+        for form in others.iter().filter(|form| sought.matches(form.value)) {
             is_found = true;
             let value = number(form.value);
             writeln!(

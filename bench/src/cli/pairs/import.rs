@@ -127,7 +127,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
 struct ReadList {
     list: String,
     counts: ForeignCounts,
-    /// `None` without datasets.
+    /// Result of the import; `None` without datasets.
     #[serde(flatten)]
     imported: Option<ImportSummary>,
     #[serde(skip)]

@@ -158,7 +158,9 @@ fn lists_become_pairs_of_the_dataset() {
         .import(Context::First, TargetSlot::Five, &[dataset])
         .unwrap_err();
     assert!(
-        error.to_string().contains("position 6 is beyond the last of 6 views"),
+        error
+            .to_string()
+            .contains("position 6 is beyond the last of 6 views"),
         "{error}"
     );
 }

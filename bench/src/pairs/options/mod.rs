@@ -137,7 +137,7 @@ pub struct PairOptions {
     pub threshold: f64,
     pub threshold_qualifies: bool,
     pub min_baseline_m: f64,
-    /// `None` for no limit.
+    /// Maximum distance of the two cameras, metres; `None` for no limit.
     pub max_baseline_m: Option<f64>,
     pub sampling: SamplingOptions,
 }
@@ -161,13 +161,13 @@ impl Default for PairOptions {
 }
 
 impl PairOptions {
-    /// Whether a pair with these overlaps qualifies.
+    /// Whether a pair qualifies by its overlaps.
     pub fn overlap_qualifies(&self, target_in_source: f64, source_in_target: f64) -> bool {
         let overlap = self.direction.of(target_in_source, source_in_target);
         overlap > self.threshold || (self.threshold_qualifies && overlap == self.threshold)
     }
 
-    /// Whether a pair with this distance between its cameras qualifies.
+    /// Whether a pair qualifies whose cameras are `metres` apart.
     pub fn baseline_qualifies(&self, metres: f64) -> bool {
         metres >= self.min_baseline_m && self.max_baseline_m.is_none_or(|most| metres <= most)
     }

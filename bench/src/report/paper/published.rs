@@ -131,7 +131,7 @@ impl PublishedTable {
             .collect()
     }
 
-    /// The number in the row with this label.
+    /// The number in the row with the label `row`.
     pub fn number(&self, row: &str, dataset: &str, metric: &str) -> Option<f64> {
         let (_, cells) = self.rows.iter().find(|(label, _)| *label == row)?;
         let d = self.datasets.iter().position(|name| *name == dataset)?;

@@ -392,7 +392,7 @@ fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
     notes
 }
 
-/// Label in the joined results, by label in the run.
+/// Labels in the joined results, keyed by the labels in the run.
 fn side_labels((side, manifest): (&str, &Manifest)) -> BTreeMap<String, String> {
     let methods = &manifest.methods;
     let labels = methods.iter().map(|method| method.label.clone());

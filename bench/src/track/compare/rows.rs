@@ -33,7 +33,7 @@ impl<'a> Sides<'a> {
         ))
     }
 
-    /// The pairs with a score on both sides, by id.
+    /// The pairs with a score on both sides, sorted by id.
     pub(super) fn changes(&self, metric: &MetricInfo) -> Vec<PairChange<'a>> {
         let key = metric.key.to_string();
         let score = |record: &Record| record.scores.get(&key).and_then(Score::value);

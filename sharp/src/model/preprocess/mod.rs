@@ -21,13 +21,12 @@ use super::predictor::{Planes, planes_of};
 use crate::image_file::focal::{Focal, FocalSource, focal_px_from_35mm};
 use crate::image_file::{self, AlphaRule, OrientationRule, PictureRules};
 
-/// Minimum focal length, in picture widths, that is accepted without a warning: a field of view of
-/// 136 degrees.
+/// Focal lengths below this number of picture widths, a field of view of 136 degrees, give a warning.
 const MIN_WIDTHS: f64 = 0.2;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhotoOptions {
-    /// Focal length in pixels of the (upright) image; overrides the file's.
+    /// Focal length in pixels of the (upright) image; overrides the focal length in the file.
     pub focal_px: Option<f64>,
     /// Images with more pixels are refused before they are decoded.
     pub max_pixels: u64,

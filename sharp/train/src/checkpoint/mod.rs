@@ -295,7 +295,7 @@ fn not_a_state(file: &Checkpoint, key: &'static str) -> StateError {
     StateError::NotAState { path, key }
 }
 
-/// Shapes and values by name.
+/// Shapes and values, keyed by name.
 type Tensors<'a> = BTreeMap<String, (&'a [usize], &'a [f32])>;
 
 fn write(

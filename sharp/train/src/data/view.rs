@@ -12,7 +12,7 @@ use super::DataError;
 /// A posed picture with its depth; all arrays have the same size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainingView {
-    /// sRGB-encoded.
+    /// Picture, sRGB-encoded.
     pub image: RgbImage,
     pub intrinsics: Intrinsics,
     pub camera_from_world: RigidTransform,
