@@ -386,7 +386,7 @@ fn rows<const K: usize>(
 mod tests {
     use super::*;
 
-    /// A PLY with one Gaussian, these comments and these additional properties, all 0.25.
+    /// A PLY with one Gaussian, `comments` and the additional `properties`, all 0.25.
     fn ply(comments: &[&str], properties: &[&str]) -> String {
         let mut text = "ply\nformat ascii 1.0\n".to_owned();
         for comment in comments {

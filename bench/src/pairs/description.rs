@@ -59,7 +59,7 @@ pub struct ScaledCamera {
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ExpectedPrediction {
-    /// Relative to the folder in `imported:dir=`; `.jpg`, `.jpeg` and `.exr` are also accepted.
+    /// File name relative to the folder in `imported:dir=`; `.jpg`, `.jpeg` and `.exr` are also accepted.
     pub file: String,
     pub width: u32,
     pub height: u32,

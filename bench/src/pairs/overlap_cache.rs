@@ -43,9 +43,9 @@ pub(super) struct DepthFacts {
 /// Measurements of a scene under one set of measuring options.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct SceneOverlaps {
-    /// Facts by view; `None` for a view without valid depth.
+    /// Facts, keyed by view; `None` for a view without valid depth.
     pub(super) depths: BTreeMap<usize, Option<DepthFacts>>,
-    /// Overlaps of views a < b with valid depth, by a, then by b.
+    /// Overlaps of views a < b with valid depth, keyed by a, then by b.
     couples: BTreeMap<usize, BTreeMap<usize, Option<Overlaps>>>,
     /// Views whose depth could not be read. Not stored, because the file may be fixed later.
     #[serde(skip)]

@@ -44,7 +44,7 @@ impl PairProvenance {
 #[derive(Debug, Serialize, Deserialize)]
 pub struct ListCompanion {
     schema: u32,
-    /// SHA-256 of the list it belongs to.
+    /// SHA-256 of the list that the companion belongs to.
     pub sha256: String,
     pub choices: BTreeMap<String, PairProvenance>,
     pub datasets: Vec<String>,
@@ -78,7 +78,7 @@ impl ListCompanion {
         write_json(&Self::path(list), self)
     }
 
-    /// The companion of exactly this list; `None` if there is none.
+    /// The companion of exactly the list `list`; `None` if there is none.
     pub fn of(list: &PairList) -> Option<Self> {
         let companion = Self::read(&Self::path(&list.path))?;
         (companion.schema == SCHEMA && companion.sha256 == list.sha256).then_some(companion)

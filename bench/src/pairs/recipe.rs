@@ -320,7 +320,7 @@ impl PairRecipe {
 }
 
 impl BuiltList {
-    /// Converts to a list to be written to `path`.
+    /// Converts the pairs to a list to be written to `path`.
     pub fn list(&self, path: impl Into<PathBuf>) -> PairList {
         PairList::new(path, self.build.pairs.clone())
     }

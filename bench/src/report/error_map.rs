@@ -8,7 +8,7 @@ use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use super::error::MissingPicture;
 use super::pictures::reduced;
 
-/// Polynomial coefficients by ascending power, each for red, green and blue.
+/// Polynomial coefficients, in ascending order of power, each for red, green and blue.
 const INFERNO: [[f64; 3]; 7] = [
     [
         0.0002189403691192265,

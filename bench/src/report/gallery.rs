@@ -30,7 +30,7 @@ const MIN_SIDE: u32 = 240;
 const MIN_SIDE_IN_FOLDER: u32 = 96;
 /// Number of pairs per dataset that are encoded to estimate the size of all pictures.
 const PROBES: usize = 5;
-/// Share of the budget to aim for, because sizes are estimates.
+/// Pictures are sized to fill this share of the budget, because their file sizes are estimates.
 const FILLED: f64 = 0.9;
 
 /// Kind of picture of a pair. Kinds for predictions follow those for the two views.
@@ -40,7 +40,7 @@ pub enum PictureKind {
     Target,
     /// The target, hatched at pixels that are not scored.
     Mask,
-    /// Inverse depth of the target in colour; [`Self::SourceDepth`] is the source's.
+    /// Inverse depth of the target in colour; [`Self::SourceDepth`] is that of the source.
     Depth,
     SourceDepth,
     Prediction,

@@ -1,4 +1,4 @@
-//! Networks by name: a file, the bundled network, or the official checkpoint by default.
+//! Networks given by name: a file, the bundled network, or the official checkpoint by default.
 
 use std::path::{Path, PathBuf};
 
@@ -162,7 +162,8 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     })
 }
 
-/// Configurations by `FILE#NAME` in `STEM.json` next to the checkpoint, or if it has none, in all `.json` files there.
+/// Configurations, each with its `FILE#NAME`, in `STEM.json` next to the checkpoint, or if it has none, in all `.json`
+/// files there.
 fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     let own = checkpoint.with_extension("json");
     let of_file = |path: &Path| {

@@ -33,7 +33,7 @@ pub fn licence_text() -> String {
 pub const RESNET_ADDRESS: &str = "http://sceneparsing.csail.mit.edu/model/pytorch/ade20k-resnet50dilated-ppm_deepsup/\
                                   encoder_epoch_20.pth";
 
-/// Its name in our cache; the original name, `encoder_epoch_20.pth`, is not descriptive.
+/// Name of the encoder's file in our cache; the original name, `encoder_epoch_20.pth`, is not descriptive.
 pub const RESNET_FILE: &str = "resnet50dilated.pth";
 
 /// A published file for which the authors provide no hash.

@@ -232,7 +232,7 @@ impl ForeignList {
 }
 
 impl ImportedPairs {
-    /// Converts to a list to be written to `path`.
+    /// Converts the pairs to a list to be written to `path`.
     pub fn list(self, path: &Path) -> PairList {
         PairList::new(path, self.pairs)
     }

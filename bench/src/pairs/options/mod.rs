@@ -75,9 +75,9 @@ pub enum OverlapDepth {
     /// The default: [`Self::DepthPro`] on datasets for which the paper predicts depth, if its weights are found;
     /// otherwise [`Self::GroundTruth`]. Resolved before pairs are built.
     Auto,
-    /// The dataset's own, pixel by pixel.
+    /// The dataset's own depth, pixel by pixel.
     GroundTruth,
-    /// The dataset's own, if sparse: a point counts as seen if a measured depth within `radius` pixels of its
+    /// The dataset's own, sparse depth: a point counts as seen if a measured depth within `radius` pixels of its
     /// projection agrees.
     #[value(skip)]
     Sparse { radius: u32 },

@@ -32,9 +32,9 @@ const NAMED: usize = 4;
 /// A published row compared with a method's predictions scored under other readings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Explanation {
-    /// Cells by dataset, then in the order of the table's metrics.
+    /// Cells, sorted by dataset, then in the order of the table's metrics.
     pub cells: Vec<CellExplanation>,
-    /// Joint readings by dataset, nearest first.
+    /// Joint readings, sorted by dataset, then nearest first.
     pub joint_readings: Vec<JointReading>,
     /// Readings that were not computed, and why.
     pub absent: Vec<String>,

@@ -20,7 +20,7 @@ use sharp_plots::panels::{self, Panel, PanelFrame, PlotArea, point};
 use sharp_plots::scale::finite_range;
 use sharp_plots::style::FigureStyle;
 
-/// Seconds by method label and pair id.
+/// Seconds, keyed by method label, then by pair id.
 pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
 
 /// A method's index, median seconds and mean score.
@@ -42,7 +42,7 @@ pub fn seconds(results: &Results) -> Result<Seconds, EvaluateError> {
     Ok(all)
 }
 
-/// Times measured by `speed`: seconds of inference, upload and rendering together, by method and dataset.
+/// Times measured by `speed`: seconds of inference, upload and rendering together, keyed by method and dataset.
 #[derive(Debug, Clone, Default)]
 pub struct SpeedSeconds(BTreeMap<(String, String), f64>);
 

@@ -143,7 +143,7 @@ pub struct Anatomy {
 struct ClassScores<'a> {
     class: PixelClass,
     share: f64,
-    /// Changes by index of the metric; `None` if the class has too few pixels.
+    /// Changes, indexed by metric; `None` if the class has too few pixels.
     changes: Vec<Option<PairChange<'a>>>,
 }
 

@@ -47,7 +47,7 @@ pub enum CompareError {
     Anatomy(String),
 }
 
-/// Largest negligible difference by metric family, in the metric's unit.
+/// Largest negligible difference of each metric family, in the metric's unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Practical(BTreeMap<Family, f64>);
 
