@@ -21,7 +21,8 @@ use crate::pairs::PosedCamera;
 const SAMPLE: usize = 4096;
 /// Gaussians count as matched if their median distance is below this, pixels.
 const SAME_PLACE: f64 = 2.0;
-/// Another interpretation of the numbers must reduce the median difference by at least this factor.
+/// Factor between two clearly different numbers: the median differences before and after another interpretation, or a
+/// common shift and its spread.
 const MUCH_LESS: f64 = 10.0;
 /// Median differences below this, per cent, need no explanation.
 const NEGLIGIBLE: f64 = 0.1;

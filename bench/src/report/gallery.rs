@@ -31,7 +31,7 @@ const MIN_SIDE_IN_FOLDER: u32 = 96;
 /// Number of pairs per dataset that are encoded to estimate the size of all pictures.
 const PROBES: usize = 5;
 /// Pictures are sized to fill this share of the budget, because their file sizes are estimates.
-const FILLED: f64 = 0.9;
+const TARGET_FILL: f64 = 0.9;
 
 /// Kind of picture of a pair. Kinds for predictions follow those for the two views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -224,7 +224,7 @@ fn side<'a>(
             .map(|(pair, share)| share * load(*pair, side).bytes(layout) as f64)
             .collect();
         let needed = bytes.iter().sum::<f64>().max(1.0);
-        let fitting = f64::from(side) * (FILLED * budget.bytes as f64 / needed).sqrt();
+        let fitting = f64::from(side) * (TARGET_FILL * budget.bytes as f64 / needed).sqrt();
         let before = side;
         // `as` saturates.
         side = (fitting as u32).max(least).min(budget.side).max(1);

@@ -115,8 +115,8 @@ impl Validation {
         })
     }
 
-    /// The mean of every metric, by key. If there are several datasets, keys are prefixed with the
-    /// dataset's name.
+    /// The mean of every metric, with its key. If there are several datasets, keys are prefixed with the dataset's
+    /// name.
     ///
     /// # Errors
     /// If a pair cannot be predicted, or the run fails.

@@ -9,7 +9,7 @@ use crate::ply::{
 const ROW: usize = 32;
 /// A quaternion counts as not normalised if its length differs from 1 by more than this; quantisation alone causes at
 /// most 0.02. More than one such quaternion in twenty gives a warning.
-const OFF_UNIT: f32 = 0.1;
+const MAX_LENGTH_DEVIATION: f32 = 0.1;
 
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     let (rows, rest) = bytes.as_chunks::<ROW>();
@@ -48,13 +48,15 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     Ok(out)
 }
 
-/// Warns about quaternions whose length is not 1. Lengths up to [`OFF_UNIT`] are not counted: they
+/// Warns about quaternions whose length is not 1. Lengths up to [`MAX_LENGTH_DEVIATION`] are not counted: they
 /// may be quantised zeros.
 fn broken_quaternions(quaternions: &[[f32; 4]]) -> Option<Suspicion> {
     let lengths = quaternions
         .iter()
         .map(|q| q.map(|v| v * v).iter().sum::<f32>().sqrt());
-    let off = lengths.filter(|length| *length > OFF_UNIT && (length - 1.0).abs() > OFF_UNIT);
+    let off = lengths.filter(|length| {
+        *length > MAX_LENGTH_DEVIATION && (length - 1.0).abs() > MAX_LENGTH_DEVIATION
+    });
     let off = off.count();
     (20 * off > quaternions.len()).then(|| {
         let text = format!(

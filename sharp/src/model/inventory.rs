@@ -154,7 +154,7 @@ impl CheckpointSource {
             // Layers of one kind have the same name apart from their numbers.
             let is_number = |part: &&str| part.parse::<usize>().is_ok();
             let kind: Vec<&str> = name.split('.').filter(|part| !is_number(part)).collect();
-            let sample = values.iter().step_by((values.len() / SAMPLED).max(1));
+            let sample = values.iter().step_by((values.len() / MIN_COMPARED).max(1));
             let sample: Vec<u32> = sample.map(|value| value.to_bits()).collect();
             if sample.iter().any(|value| *value != sample[0]) {
                 let other = *known.entry((kind, sample)).or_insert(name);
@@ -219,7 +219,7 @@ impl CheckpointSource {
 /// Parts of names of layers that are zero before training.
 pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_estimator.conv_out."];
 /// Tensors are compared by at least this number of values; smaller ones by all of their values.
-const SAMPLED: usize = 256;
+const MIN_COMPARED: usize = 256;
 /// Zeros at the end of a tensor count as missing values if they are at least this share of it.
 const MIN_ZERO_TAIL: f64 = 0.1;
 

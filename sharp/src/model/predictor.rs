@@ -39,8 +39,8 @@ pub fn planes_of<T: Copy>(rgb: &[T], value: impl Fn(T) -> f32) -> Vec<f32> {
 /// The network's outputs for an image.
 #[derive(Debug, Clone)]
 pub struct NetworkOutput {
-    /// Gaussians by layer, then row by row, in normalised space: x/z and y/z over [−1, 1] across the image, z in
-    /// metres.
+    /// Gaussians, sorted by layer, then row by row, in normalised space: x/z and y/z over [−1, 1] across the image, z
+    /// in metres.
     pub gaussians: Gaussians,
     /// Depth layers `[2, R, R]` in metres.
     pub depth: Vec<f32>,

@@ -322,7 +322,7 @@ fn rest_columns(element: &Element, blending: ColorSpace) -> Result<Vec<usize>, P
     Ok(numbered.into_iter().map(|(_, column)| column).collect())
 }
 
-/// Degree of the spherical harmonics with this many coefficients beyond the constant ones.
+/// Degree of the spherical harmonics that have `coefficients` coefficients besides the constant ones.
 pub(crate) fn degree_of(coefficients: usize) -> Option<usize> {
     (0..=crate::gaussians::Harmonics::MAX_DEGREE)
         .find(|degree| 3 * ((degree + 1).pow(2) - 1) == coefficients)

@@ -256,7 +256,7 @@ mod tests {
 
     use super::*;
 
-    /// Root mean squares by stage.
+    /// Root mean squares, keyed by stage.
     #[derive(Default)]
     struct Magnitudes(BTreeMap<String, f64>);
 

@@ -216,8 +216,8 @@ impl PairOptions {
         if self.overlap.stride == 0 {
             return wrong("stride", "1 or more");
         }
-        let looks_itself = matches!(self.depth, OverlapDepth::Sparse { .. });
-        if looks_itself && self.overlap.lookup != DepthLookup::Nearest {
+        let searches_window = matches!(self.depth, OverlapDepth::Sparse { .. });
+        if searches_window && self.overlap.lookup != DepthLookup::Nearest {
             return wrong(
                 "lookup",
                 "left at its default with overlap=sparse, which already searches the neighbourhood",

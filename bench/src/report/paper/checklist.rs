@@ -242,14 +242,14 @@ fn aggregation(compared: &ChecklistInput<'_>) -> Condition {
 fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     let wants = compared.paper.made_by == MadeBy::PrivilegedRun;
     // Sweeping scales counts too: the paper does so for methods whose depth cannot be aligned.
-    let is_told = |method: &MethodRecord| {
+    let is_privileged = |method: &MethodRecord| {
         let sweeps = method
             .identity
             .settings
             .contains_key(MethodIdentity::CHOSEN_BY);
         method.privilege.depth != TrueDepth::None || (wants && sweeps)
     };
-    let otherwise = |method: &&MethodRecord| is_told(method) != wants;
+    let otherwise = |method: &&MethodRecord| is_privileged(method) != wants;
     let others = compared.manifest.methods.iter().filter(otherwise);
     let others: Vec<&str> = others.map(|method| method.label.as_str()).collect();
     match (others.is_empty(), wants) {

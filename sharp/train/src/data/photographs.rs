@@ -142,7 +142,7 @@ pub struct ProceduralPhotographs {
 }
 
 /// Separates the scenes used as photographs from those that a first stage with the same seed uses.
-const APART: u64 = 0x5048_4f54;
+const PHOTOGRAPH_SEED: u64 = 0x5048_4f54;
 
 impl ProceduralPhotographs {
     /// Creates a source with the given seed and picture size (width, height) in pixels.
@@ -153,7 +153,7 @@ impl ProceduralPhotographs {
 
 impl Source<Photograph> for ProceduralPhotographs {
     fn get(&self, k: u64) -> Result<Photograph, DataError> {
-        let mut random = draws(self.seed ^ APART, k);
+        let mut random = draws(self.seed ^ PHOTOGRAPH_SEED, k);
         let (scene, views) = scene(&mut random, self.size, self.worlds.of(k))?;
         let view = &views[random.below(views.len() as u64) as usize];
         let id = format!("{scene}/{}", view.id);
