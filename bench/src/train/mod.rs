@@ -83,8 +83,7 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     if is_vgg && weight > MAX_VGG_WEIGHT {
         observer.warn(&format!(
             "`losses.percep` is {weight}, a weight for the paper's network \
-             (`loss_options.percep.resnet50dilated`, which `weights fetch resnet50dilated` gets); with VGG16, its \
-             values are about a hundred times as large and need a weight near 0.01"
+             (`loss_options.percep.resnet50dilated`, which `weights fetch resnet50dilated` gets); with VGG16, this loss is about a hundred times as large and needs a weight near 0.01"
         ));
     }
     // Save the name of the bundled network rather than its path, which depends on where the program is installed.

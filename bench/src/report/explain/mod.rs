@@ -183,7 +183,7 @@ fn other_readings(record: &DatasetRecord, column: &str) -> Vec<String> {
                 ""
             };
             format!(
-                "{column} with `{}={}` ({}{differs}): needs its own run",
+                "{column} with `{}={}` ({}{differs}) needs a run of its own",
                 setting.key, choice.value, choice.meaning
             )
         }));
