@@ -167,7 +167,7 @@ impl Intrinsics {
 pub struct RigidTransform {
     /// Orthonormal, determinant +1.
     pub rotation: DMat3,
-    /// In metres, in the destination space.
+    /// Translation in metres, in the destination space.
     pub translation: DVec3,
 }
 

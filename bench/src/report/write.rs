@@ -34,7 +34,7 @@ use sharp_plots::Figure;
 pub struct ReportFiles {
     /// The page to open.
     pub html: PathBuf,
-    /// The same content as Markdown.
+    /// The page's content as Markdown.
     pub markdown: PathBuf,
     /// Location of the page's pictures.
     pub layout: Layout,

@@ -78,7 +78,7 @@ impl Weights {
     }
 }
 
-/// The published convolutions that are compiled into this program: AlexNet's.
+/// The published convolutions that are compiled into this program, which are those of AlexNet.
 fn built_in(backbone: Backbone) -> Result<Tensors, WeightsError> {
     let tensors = architecture::tensors(backbone).into_iter().map(|tensor| {
         let name = format!("features.{}", tensor.name);

@@ -45,7 +45,7 @@ impl CheckpointSource {
         Self::open_with(path, &inventory(&ModelConfig::release())?)
     }
 
-    /// Like [`Self::open`], for a network with parameters of these names; their shapes are ignored.
+    /// Like [`Self::open`], for a network with the names in `parameters`; their shapes are ignored.
     pub(super) fn open_with(path: &Path, parameters: &[Parameter]) -> Result<Self, ModelError> {
         let roots = parameters.iter().filter_map(|p| p.name.split('.').next());
         // The first components of names are the same for all sizes.

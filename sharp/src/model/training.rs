@@ -92,16 +92,16 @@ struct DeltasGraph {
 /// Gradient of a loss with respect to the outputs of a [`TrainingPass`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct PassGradient {
-    /// With respect to [`TrainingPass::gaussians`], in their order.
+    /// Gradient with respect to [`TrainingPass::gaussians`], in their order.
     pub gaussians: Vec<GaussianGradient>,
-    /// With respect to the inverse depth of [`TrainingPass::base`], `[2, rows, columns]`, not counting its effect
-    /// through the Gaussians.
+    /// Gradient with respect to the inverse depth of [`TrainingPass::base`], `[2, rows, columns]`, not counting its
+    /// effect through the Gaussians.
     pub inverse_depth: Vec<f32>,
-    /// With respect to [`TrainingPass::depth`], `[2, R, R]`, not counting its effect through other outputs.
+    /// Gradient with respect to [`TrainingPass::depth`], `[2, R, R]`, not counting its effect through other outputs.
     pub depth: Vec<f32>,
-    /// With respect to [`TrainingPass::factors`], `[R, R]`, not counting their effect through other outputs.
+    /// Gradient with respect to [`TrainingPass::factors`], `[R, R]`, not counting their effect through other outputs.
     pub factors: Vec<f32>,
-    /// With respect to [`TrainingPass::deltas`], not counting their effect through other outputs.
+    /// Gradient with respect to [`TrainingPass::deltas`], not counting their effect through other outputs.
     pub deltas: Vec<f32>,
 }
 

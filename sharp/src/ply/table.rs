@@ -88,7 +88,7 @@ impl Element {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
     pub encoding: Encoding,
-    /// In the order in which their rows are stored.
+    /// Elements, in the order in which their rows are stored.
     pub elements: Vec<Element>,
     /// `comment` and `obj_info` lines without their keyword.
     pub comments: Vec<String>,

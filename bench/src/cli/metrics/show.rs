@@ -136,7 +136,7 @@ impl ScoredPairs<'_> {
             .collect()
     }
 
-    /// By variant, the mean over the pairs; only variants that every pair has.
+    /// For each variant, the mean over the pairs; only variants that every pair has.
     fn other_means(&self) -> Vec<OtherForm> {
         let first = self.scored.first().map_or(&[][..], |pair| &pair.others);
         let mean = |form: &OtherForm| {

@@ -154,13 +154,13 @@ impl Resource {
     }
 }
 
-/// Largest amount by which B may be worse than A.
+/// A limit on how much worse than A B may be.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "String")]
 pub enum Limit {
     Score {
         metric: MetricName,
-        /// At least 0, in the metric's unit.
+        /// The limit, at least 0, in the metric's unit.
         bound: f64,
         /// Whether improvements beyond the bound also fire.
         either_way: bool,

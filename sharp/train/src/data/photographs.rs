@@ -99,8 +99,8 @@ impl FolderPhotographs {
         }
     }
 
-    /// Reads a file and turns it upright. The focal length is the file's, or 30 mm (35 mm
-    /// equivalent) if it states none.
+    /// Reads a file and turns it upright. The focal length is the one that the file states, or 30 mm (35 mm equivalent)
+    /// if it states none.
     fn read(&self, id: &str, path: &Path) -> Result<Photograph, DataError> {
         let photo = load_photo(path, &PhotoOptions::default())?;
         let (width, height) = (photo.width as u32, photo.height as u32);
