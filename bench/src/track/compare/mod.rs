@@ -420,7 +420,10 @@ fn chosen_methods(
         .iter()
         .find(|(old, new)| !a.contains_key(old) || !b.contains_key(new))
     {
-        let reason = format!("--method {old}={new}: {}", sides());
+        let reason = format!(
+            "--method {old}={new} names a method that its run does not have; {}",
+            sides()
+        );
         return Err(CompareError::Methods(reason));
     }
     if !asked.is_empty() {
@@ -440,7 +443,7 @@ fn chosen_methods(
     }
     if chosen.is_empty() {
         let reason = format!(
-            "no method is in both runs: {}; --method OLD=NEW pairs methods",
+            "no method is in both runs ({}); pair two methods with --method OLD=NEW",
             sides()
         );
         return Err(CompareError::Methods(reason));
@@ -481,7 +484,7 @@ fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
         _ => "",
     };
     Some(format!(
-        "their pairs differ: {} only in A, {} only in B; the first is {first}{hint}",
+        "their pairs differ ({} only in A, {} only in B; the first is {first}){hint}",
         counted(only_a, "pair"),
         only_b
     ))
