@@ -53,7 +53,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
     output::print(&shown, args.json)?;
     if progress.damaged > 0 {
         output::remark(format!(
-            "warning: {} damaged; their units count as missing, and the next run computes them again",
+            "warning: {} damaged; units of damaged files count as missing, and the next run computes them again",
             match progress.damaged {
                 1 => "1 unit file is".to_owned(),
                 n => format!("{n} unit files are"),
