@@ -144,7 +144,9 @@ fn photo_from_bytes(
         }
     };
     if !(focal_px.is_finite() && focal_px > 0.0) {
-        return refuse(format!("a focal length of {focal_px} pixels"));
+        return refuse(format!(
+            "the focal length is not finite and positive: {focal_px} pixels"
+        ));
     }
     if focal_source == FocalSource::Given && focal_px < MIN_WIDTHS * width as f64 {
         warnings.push(format!(
