@@ -43,7 +43,7 @@ pub enum StateError {
     #[error("{}: not a training state: its header has no valid `{key}`", path.display())]
     NotAState { path: PathBuf, key: &'static str },
     #[error(
-        "{}: written with another configuration ({found}; this one's hash is {expected}); a file named in the \
+        "{}: written with another configuration (hash {found}, now {expected}), because a file named in the \
          configuration, or the program, has changed; use another folder",
         path.display()
     )]
