@@ -35,8 +35,7 @@ fn main() -> io::Result<()> {
         };
         println!("cargo::rerun-if-changed={}", path.display());
         if !path.exists() {
-            let reason =
-                format!("{folder}: no such file or folder, named in bench/build/groups.txt");
+            let reason = format!("bench/build/groups.txt names {folder}, which does not exist");
             return Err(io::Error::other(reason));
         }
         collect(folder, &path, &mut files)?;

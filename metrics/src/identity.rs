@@ -195,7 +195,7 @@ pub enum IdentityError {
          withdrawn by its authors in favour of v0.1, so no published value can be compared with it"
     )]
     LpipsVersion0 { name: String },
-    #[error("'{name}' requires a mask: use '{name}@mask' or '{name}@frustum'")]
+    #[error("'{name}' requires a mask; use '{name}@mask' or '{name}@frustum'")]
     NeedsMask { name: String },
     #[error(
         "'{name}' is the same as 'psnr': pictures are already in 0..1 when scored, so clipping has \

@@ -54,7 +54,7 @@ pub struct MetricInfo {
     pub region: MetricRegion,
     /// Short name for tables and plots; see [`MetricKey::label`].
     pub label: String,
-    /// `dB` for PSNR, empty for the other metrics.
+    /// Unit: `dB` for PSNR, empty for the other metrics.
     pub unit: String,
     pub direction: Direction,
     /// Number of decimals shown in tables.

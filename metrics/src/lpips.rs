@@ -40,7 +40,7 @@ impl Epsilon {
 pub(crate) enum InputRange {
     /// −1..1, as the network expects.
     Signed,
-    /// 0..1.
+    /// Pictures in 0..1.
     Unit,
     /// −1..1, passed to the network without its own normalisation: LPIPS v0.0.
     Raw,

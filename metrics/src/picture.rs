@@ -15,7 +15,7 @@ pub enum Picture {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PictureError {
     #[error(
-        "area only reduces pictures; to enlarge: bilinear, bilinear-antialias, bicubic or lanczos"
+        "area only reduces pictures; bilinear, bilinear-antialias, bicubic and lanczos also enlarge them"
     )]
     AreaEnlarges,
     #[error("the picture is {width}x{height}: it has no pixels")]

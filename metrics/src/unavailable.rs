@@ -9,7 +9,7 @@ use crate::weights::Backbone;
 pub enum Unavailable {
     /// The network's weights were not given.
     #[error(
-        "needs the weights of {backbone}: download them with `sharp-bench weights fetch {backbone}`, or pass a file \
+        "needs the weights of {backbone}; download them with `sharp-bench weights fetch {backbone}`, or pass a file \
          with `--weights {backbone}=FILE`"
     )]
     NoWeights { backbone: Backbone },

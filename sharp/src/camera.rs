@@ -67,7 +67,8 @@ impl Intrinsics {
     /// Creates intrinsics after checking them.
     ///
     /// # Errors
-    /// [`CameraError::NotFinite`], [`CameraError::DegenerateIntrinsics`], [`CameraError::TooLarge`].
+    /// [`CameraError::NotFinite`] for values that are not finite; [`CameraError::DegenerateIntrinsics`] for a focal
+    /// length or a side that is not positive; [`CameraError::TooLarge`] for more than [`Self::MAX_PIXELS`].
     pub fn new(
         (fx, fy): (f64, f64),
         (cx, cy): (f64, f64),
@@ -166,7 +167,7 @@ impl Intrinsics {
 pub struct RigidTransform {
     /// Orthonormal, determinant +1.
     pub rotation: DMat3,
-    /// In metres, in the destination space.
+    /// Translation in metres, in the destination space.
     pub translation: DVec3,
 }
 
@@ -184,8 +185,8 @@ impl RigidTransform {
     /// Creates a pose from a 3×3 matrix that is approximately a rotation, by projecting it onto the nearest one.
     ///
     /// # Errors
-    /// [`CameraError::NotFinite`]; [`CameraError::NotRigid`] if the matrix deviates from orthonormal by more than
-    /// [`Self::ORTHONORMALITY_TOLERANCE`] or mirrors space.
+    /// [`CameraError::NotFinite`] for values that are not finite; [`CameraError::NotRigid`] if the matrix deviates from
+    /// orthonormal by more than [`Self::ORTHONORMALITY_TOLERANCE`] or mirrors space.
     pub fn new(rotation: DMat3, translation: DVec3) -> Result<Self, CameraError> {
         if !rotation.is_finite() || !translation.is_finite() {
             return Err(CameraError::NotFinite { what: "pose" });
@@ -264,7 +265,8 @@ impl RigidTransform {
 /// Creates an affine map, which need not be rigid, from a row-major 4×4 matrix.
 ///
 /// # Errors
-/// [`CameraError::NotFinite`], [`CameraError::NotAffine`].
+/// [`CameraError::NotFinite`] for values that are not finite; [`CameraError::NotAffine`] if the last row is not (0, 0,
+/// 0, 1).
 pub fn affine_from_row_major(m: &[f64; 16]) -> Result<DAffine3, CameraError> {
     if !m.iter().all(|v| v.is_finite()) {
         return Err(CameraError::NotFinite { what: "pose" });

@@ -47,7 +47,7 @@ pub struct DeltaLength {
 /// 1e-3)`, as in the release.
 ///
 /// # Errors
-/// [`DeltaLength`].
+/// [`DeltaLength`] if the number of deltas does not match the base Gaussians.
 pub fn compose(base: &BaseGaussians, deltas: Option<&[f32]>) -> Result<Gaussians, DeltaLength> {
     let (blocks, columns) = (base.grid.blocks(), base.grid.columns());
     let per_attribute = base.grid.layers * blocks;

@@ -145,7 +145,8 @@ impl NormalizedDepth {
     /// Normalises metric depth `[layers, height, width]` in metres.
     ///
     /// # Errors
-    /// [`InitializerError::InvalidDepth`] with [`InvalidDepth::Refuse`]; [`InitializerError::NoValidDepth`].
+    /// [`InitializerError::InvalidDepth`] for invalid values with [`InvalidDepth::Refuse`];
+    /// [`InitializerError::NoValidDepth`] if no value is valid.
     pub fn new(depth: &[f32], invalid: InvalidDepth) -> Result<Self, InitializerError> {
         let total = depth.len();
         let (mut nearest, mut valid) = (f32::INFINITY, 0);
@@ -238,7 +239,8 @@ impl BaseGaussians {
     /// Like [`Self::new`], for depth that is already normalised.
     ///
     /// # Errors
-    /// [`InitializerError::Grid`], [`InitializerError::Length`].
+    /// [`InitializerError::Grid`] for an empty or indivisible grid; [`InitializerError::Length`] if an input does not
+    /// fill the grid.
     pub fn from_normalized(
         image: &[f32],
         normalized: &NormalizedDepth,

@@ -136,7 +136,7 @@ impl Trajectory {
             .collect()
     }
 
-    /// The pose of each frame: from the photograph's camera space to the moved camera's.
+    /// The pose of each frame: from the camera space of the photograph to that of the moved camera.
     pub fn poses(&self, camera: &Intrinsics, depth: &DepthRange) -> Vec<RigidTransform> {
         let focus = DVec3::new(0.0, 0.0, depth.focus);
         self.eyes(camera, depth)
@@ -146,7 +146,7 @@ impl Trajectory {
     }
 }
 
-/// Pose of a camera at `offset_m` from the photograph's, looking in the same direction.
+/// Pose of a camera that is `offset_m` away from the photograph's camera and looks in the same direction.
 pub fn shifted(offset_m: DVec3) -> RigidTransform {
     RigidTransform {
         rotation: DMat3::IDENTITY,

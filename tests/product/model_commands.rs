@@ -285,7 +285,8 @@ fn depth_pro_writes_the_depth_of_a_photograph() {
 
     predict(&model, &["--out", "d.exr"]).is_error_with(&["focal length must be given"]);
     predict(&model, &["--out", "d.ply"]).is_error_with(&["writes .exr or .png"]);
-    predict(&model, &["--out", "d.exr", "--depth", "png16"]).is_error_with(&["another form"]);
+    predict(&model, &["--out", "d.exr", "--depth", "png16"])
+        .is_error_with(&["contradicts --depth"]);
     let said = predict(&tiny, &["--out", "x.exr"]).ends_with(1);
     assert!(
         said.err

@@ -342,7 +342,7 @@ fn a_checkpoint_in_torchs_folder_is_found_recorded_and_recognised() {
     let again = fetch().ends_with(0).json();
     assert_eq!(again[0]["verified"], true);
     let day = record["recorded"].as_str().unwrap();
-    let matches = format!("matches the one recorded on {day}");
+    let matches = format!("matches the checkpoint recorded on {day}");
     assert_eq!(again[0]["record"], matches);
     let list = at_home(dir.path(), &["weights", "list"]).ends_with(0);
     assert!(list.out.contains(record["sha256"].as_str().unwrap()));

@@ -22,7 +22,7 @@ pub enum Binning {
     Edges(Vec<f64>),
 }
 
-/// Largest magnitude that a given edge may have, so that values computed from edges stay finite.
+/// Given edges may have at most this magnitude, so that values computed from them stay finite.
 const FARTHEST_EDGE: f64 = 1e15;
 
 impl FromStr for Binning {

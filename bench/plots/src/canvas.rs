@@ -70,7 +70,7 @@ impl Surface {
         self.0.push(Shape::Disc(centre, radius, ink));
     }
 
-    /// Adapts the colours to a page of this colour.
+    /// Adapts the colours to a page of the colour `page`.
     pub(super) fn lay_on(&mut self, page: Ink) {
         for shape in &mut self.0 {
             match shape {

@@ -25,7 +25,7 @@ use crate::PlotError;
 /// Drawn pixels per unit of the SVG.
 const SVG_SCALE: f64 = 4.0;
 /// Drawn pixels per PNG pixel, along each axis.
-const REDUCE: f64 = 2.0;
+const DRAWN_PER_PIXEL: f64 = 2.0;
 /// Largest number of pixels drawn for a PNG, before reduction: 0.8 GB.
 const MAX_DRAWN: f64 = 268_435_456.0;
 /// The SVG backend divides font sizes by this factor.
@@ -142,7 +142,7 @@ impl<'a> Drawing<'a> {
     /// If it would be too large, or the drawing library or the encoder fails.
     pub fn png(&self) -> Result<Vec<u8>, PlotError> {
         let density = self.medium.zoom * self.medium.dpi / 96.0;
-        let size = self.pixels(density * REDUCE);
+        let size = self.pixels(density * DRAWN_PER_PIXEL);
         if f64::from(size.0) * f64::from(size.1) > MAX_DRAWN {
             return Err(self.failed(format!(
                 "{} × {} pixels are too many to draw; use a smaller width or a lower dpi",
@@ -151,10 +151,10 @@ impl<'a> Drawing<'a> {
         }
         let mut large = RgbImage::new(size.0, size.1);
         let backend = BitMapBackend::with_buffer(&mut large, size);
-        let scale = density * REDUCE;
+        let scale = density * DRAWN_PER_PIXEL;
         let done = paint(backend, scale, &self.shapes, bitmap_letters, bitmap_picture);
         done.map_err(|e| self.failed(e))?;
-        let half = |side: u32| (f64::from(side) / REDUCE) as u32;
+        let half = |side: u32| (f64::from(side) / DRAWN_PER_PIXEL) as u32;
         let small = imageops::thumbnail(&large, half(size.0), half(size.1));
         png::encode(&small, self.medium.dpi).map_err(|e| self.failed(e))
     }

@@ -67,7 +67,7 @@ impl Ink {
 impl TryFrom<String> for Ink {
     type Error = String;
 
-    /// From `#RRGGBB`.
+    /// Parses `#RRGGBB`.
     fn try_from(text: String) -> Result<Self, String> {
         let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6);
         let hex = digits.filter(|digits| digits.bytes().all(|c| c.is_ascii_hexdigit()));

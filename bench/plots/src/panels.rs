@@ -206,7 +206,7 @@ struct LegendEntry {
 }
 
 impl PanelLayout {
-    /// Layout for `panels` panels, a legend with these labels, and a caption.
+    /// Layout for `panels` panels, a legend of `labels`, and `caption`.
     fn new(panels: usize, labels: &[&str], caption: &str, print: Option<&FigureStyle>) -> Self {
         let (columns, panel) = match print {
             None => match panels {

@@ -179,7 +179,7 @@ impl FigureStyle {
             width_mm, font_pt, ..
         } = self;
         format!(
-            "text of {font_pt} pt does not fit into a width of {width_mm} mm: use a width_mm of {:.0}, or a smaller \
+            "text of {font_pt} pt does not fit into a width of {width_mm} mm; use a width_mm of {:.0}, or a smaller \
              font_pt",
             (width_mm * times).ceil()
         )

@@ -262,7 +262,7 @@ class Run:
 
     @property
     def scores(self):
-        """Its records as a table."""
+        """The records of the run as a table."""
         return load_scores(self.path)
 
     def __fspath__(self):

@@ -286,7 +286,8 @@ pub(crate) struct Asked {
     keys: String,
 }
 
-/// Evaluates `function`, if given, along with the methods of the configuration. Returns counts by name, and warnings.
+/// Evaluates `function`, if given, along with the methods of the configuration. Returns counts with their names, and
+/// warnings.
 #[pyfunction]
 pub(crate) fn evaluate(
     py: Python<'_>,

@@ -17,7 +17,7 @@ pub(crate) struct Scorer {
     selection: Selection,
 }
 
-/// Scores by key, and reasons for missing scores by key.
+/// Scores, and reasons for missing scores, each with its key.
 type Scored = (Vec<(String, f64)>, Vec<(String, String)>);
 
 #[pymethods]

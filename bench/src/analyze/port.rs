@@ -21,11 +21,12 @@ use crate::pairs::PosedCamera;
 const SAMPLE: usize = 4096;
 /// Gaussians count as matched if their median distance is below this, pixels.
 const SAME_PLACE: f64 = 2.0;
-/// Another interpretation of the numbers must reduce the median difference by at least this factor.
+/// Factor between two clearly different numbers: the median differences before and after another interpretation, or a
+/// common shift and its spread.
 const MUCH_LESS: f64 = 10.0;
 /// Median differences below this, per cent, need no explanation.
 const NEGLIGIBLE: f64 = 0.1;
-/// Minimum common shift of all Gaussians that is reported as a cause, pixels.
+/// A common shift of all Gaussians is reported as a cause if it is at least this large, pixels.
 const MIN_SHIFT: f64 = 0.05;
 /// Side of a cell of the neighbour search, pixels.
 const CELL: f64 = 4.0;

@@ -56,8 +56,8 @@ pub(super) struct CompareArgs {
     /// runs' kept pictures and datasets with depth
     #[arg(long)]
     anatomy: bool,
-    /// A backbone's weights for --anatomy, NAME=FILE; needed if the runs used other weights than
-    /// those found on this machine
+    /// A backbone's weights for --anatomy, NAME=FILE; needed if the runs used weights that differ from those found on
+    /// this machine
     #[arg(long, value_name = "NAME=FILE", requires = "anatomy")]
     weights: Vec<String>,
     /// Write Markdown, CSV and a page with pictures of the most changed pairs into this folder
@@ -112,7 +112,7 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         return Err(UsageError(reason.to_owned()).into());
     }
     if args.anatomy && !comparison.has_pictures() {
-        let reason = "--anatomy needs pictures that both runs kept: `run --keep all`";
+        let reason = "--anatomy needs pictures that both runs kept (`run --keep all`)";
         return Err(UsageError(reason.to_owned()).into());
     }
     let terminal = Terminal::default();

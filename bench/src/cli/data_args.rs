@@ -69,7 +69,7 @@ fn say_notes(dataset: &OpenDataset) {
         let more = counted(notes.len() - NOTES, "note");
         let name = &dataset.name;
         output::remark(format!(
-            "note: {name}: {more} more (`datasets check` prints them)"
+            "note: {name}: {more} not shown (`datasets check` prints them)"
         ));
     }
 }

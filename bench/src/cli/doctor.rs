@@ -77,7 +77,7 @@ fn findings() -> Vec<Finding> {
         None => finding(
             "ffmpeg",
             "not in PATH",
-            "needed only for `render --out x.mp4`; Debian: apt-get install ffmpeg",
+            "needed only for `render --out x.mp4` (Debian: apt-get install ffmpeg)",
         ),
     });
     let weights = Weights::at_hand();
@@ -127,9 +127,9 @@ fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
     let chosen = adapters.iter().position(|adapter| !adapter.software);
     let of_adapter = |(index, adapter): (usize, &AdapterFacts)| {
         let advice = match (adapter.software, chosen == Some(index)) {
-            (true, _) => "software: used only when named, `render --adapter NAME`",
+            (true, _) => "software, used only if named (`render --adapter NAME`)",
             (false, true) => "used by `render` by default",
-            (false, false) => "used when named, `render --adapter NAME`",
+            (false, false) => "used if named (`render --adapter NAME`)",
         };
         finding(WHAT, &adapter.name, advice)
     };
@@ -167,10 +167,10 @@ mod tests {
         let found = gpu_adapters(&[adapter("A", false), adapter("B", false), adapter("C", true)]);
         let advice: Vec<&str> = found.iter().map(|f| f.advice.as_str()).collect();
         assert!(advice[0].contains("by default"));
-        assert!(advice[1].contains("when named") && !advice[1].contains("software"));
+        assert!(advice[1].contains("if named") && !advice[1].contains("software"));
         assert!(advice[2].contains("software"));
         let software_only = gpu_adapters(&[adapter("C", true)]);
-        assert!(software_only[0].advice.contains("only when named"));
+        assert!(software_only[0].advice.contains("only if named"));
         assert!(gpu_adapters(&[])[0].found.contains("none"));
     }
 }

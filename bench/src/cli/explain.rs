@@ -65,7 +65,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         let tables = TABLES.iter().filter(|table| made_by_runs(table.made_by));
         let names: Vec<&str> = tables.map(|table| table.name).collect();
         let reason = format!(
-            "there is no table of scores '{}'; available: {}",
+            "no table of scores is named '{}'; available: {}",
             args.table,
             names.join(", ")
         );
@@ -74,7 +74,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
     if !table.rows.iter().any(|(label, _)| *label == args.row) {
         let labels: Vec<&str> = table.rows.iter().map(|(label, _)| *label).collect();
         let reason = format!(
-            "--row {}: no such row in {}, which has {}",
+            "--row {}: {} has no such row, only {}",
             args.row,
             table.name,
             labels.join(", ")
@@ -90,7 +90,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         if explained.changed > 0 {
             output::remark(format!(
                 "warning: {}: {} of the run's scores differ from those recomputed from the kept \
-                 pictures: weights or code changed after the run",
+                 pictures, because weights or code have changed since the run",
                 explained.path.display(),
                 explained.changed
             ));

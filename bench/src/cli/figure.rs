@@ -257,7 +257,7 @@ fn plots(
     check_methods(&style, &results)?;
     check_writable(&args.out.out)?;
     let figure = make(&results, &style)?;
-    let figure = figure.ok_or_else(|| anyhow!("{stem}: the runs have nothing to plot"))?;
+    let figure = figure.ok_or_else(|| anyhow!("{stem}: the runs have no value to plot"))?;
     let files = report_plots::files(figure, &args.out.out, stem);
     print(&write_all_over_own(&files)?, &[], &args.out)?;
     Ok(Outcome::of_problems(warn_damaged(&results)))

@@ -28,7 +28,7 @@ Limits:
   psnr < -0.1 on eth3d       on one dataset; `on all` is the mean of the datasets
   psnr < -1 per scene        on the mean of each scene, significant or not
   |lpips| > 0.005            in either direction
-  seconds_per_pair > +10 %   of A, on the same class of device; also peak_memory
+  seconds_per_pair > +10 %   more than A, on the same class of device; also peak_memory
 
 Examples:
   sharp-bench gate --baseline main.zip --candidate runs/now --fail-if 'psnr < -0.1' --fail-if 'lpips > +0.005'

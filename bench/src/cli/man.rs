@@ -23,7 +23,7 @@ pub(super) struct ManArgs {
     json: bool,
 }
 
-/// Start of every page.
+/// Beginning of every manual page.
 const MARK: &str = ".ie";
 
 #[derive(Serialize)]

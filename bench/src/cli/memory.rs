@@ -26,8 +26,8 @@ impl MemoryArgs {
         if peak > limit {
             let mib = |bytes: u64| bytes.div_ceil(1 << 20);
             output::remark(format!(
-                "warning: memory reached {} MiB, above --memory-limit ({} MiB): network weights and single pictures \
-                 cannot be split",
+                "warning: memory reached {} MiB, above --memory-limit ({} MiB), because network weights and single \
+                 pictures cannot be split",
                 mib(peak),
                 mib(limit)
             ));

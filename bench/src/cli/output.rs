@@ -77,7 +77,7 @@ pub(super) fn remark(text: impl AsRef<str>) {
     let _ = writeln!(io::stderr().lock(), "{}", visible(text.as_ref()));
 }
 
-/// Set by `--quiet`.
+/// Whether progress is hidden; set by `--quiet`.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
 /// Hides progress, but not warnings and results.
@@ -85,7 +85,7 @@ pub(super) fn silence_progress() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
-/// Whether progress is hidden.
+/// Whether `--quiet` hides progress.
 pub(super) fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
@@ -94,7 +94,7 @@ pub(super) fn is_quiet() -> bool {
 #[derive(Debug, Default)]
 pub(super) struct Terminal {
     phase: Mutex<Option<Phase>>,
-    /// Set by a signal.
+    /// Whether a signal has asked the process to stop.
     asked_to_stop: Arc<AtomicBool>,
     deadline: Option<Instant>,
 }
@@ -110,7 +110,7 @@ struct Phase {
     lines: usize,
 }
 
-/// Interval between plain lines.
+/// Time between two progress lines where no bar can be drawn.
 const INTERVAL: Duration = Duration::from_secs(30);
 
 impl Phase {

@@ -53,7 +53,7 @@ impl Display for ProtocolList {
 impl Display for Protocol {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let pairs = match &self.pairs {
-            PairRule::Paper => "built as the SHARP paper says".to_owned(),
+            PairRule::Paper => "built as the SHARP paper states".to_owned(),
             PairRule::List(what) => format!("{what}; --pairs FILE"),
             PairRule::NoSource(rule) => format!("no source view ({rule}); --pairs FILE"),
             PairRule::Refused(reason) => format!("refused: {reason}"),

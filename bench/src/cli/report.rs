@@ -200,7 +200,7 @@ pub(super) fn tables(
 pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
     if is_last_stage && counts.waiting > 0 {
         output::remark(format!(
-            "warning: {} of {} units are waiting: their predictions are missing, or their scenes \
+            "warning: {} of {} units are waiting, because their predictions are missing or their scenes \
              cannot be read",
             counts.waiting, counts.units
         ));

@@ -133,8 +133,9 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let own = args.config.keys()?;
     // If this machine lacks the plan's kernels, that is reported later.
     if let Some(key) = own.keys().find(|key| *key != "simd") {
-        let reason =
-            format!("--{key} cannot be combined with --plan: a shard uses the planned options");
+        let reason = format!(
+            "--{key} cannot be combined with --plan, because a shard uses the planned options"
+        );
         return Err(UsageError(reason).into());
     }
     let folder = RunFolder::open(root)?;
@@ -161,7 +162,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
     }
     if config.methods.is_empty() {
-        let reason = "no method: give one with --method SPEC (`run --help-all` lists the kinds)";
+        let reason = "no method; give one with --method SPEC (`run --help-all` lists the kinds)";
         return Err(UsageError(reason.to_owned()).into());
     }
     let plan = args.plan.as_deref().map(std::path::absolute).transpose()?;
@@ -380,7 +381,7 @@ impl Display for Estimate {
         let gib = |bytes: u64| format!("{:.2}", bytes as f64 / f64::from(1 << 30));
         writeln!(
             f,
-            "{} ({} of {}), by measuring {measured_pairs} of them:",
+            "{} ({} of {}), estimated from {measured_pairs} of these pairs:",
             counted(units, "unit"),
             counted(pairs, "pair"),
             counted(sources, "source"),

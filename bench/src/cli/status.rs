@@ -53,8 +53,11 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
     output::print(&shown, args.json)?;
     if progress.damaged > 0 {
         output::remark(format!(
-            "warning: damaged unit files: {}; these units count as missing, and the next run computes them again",
-            progress.damaged
+            "warning: {} damaged; units of damaged files count as missing, and the next run computes them again",
+            match progress.damaged {
+                1 => "1 unit file is".to_owned(),
+                n => format!("{n} unit files are"),
+            }
         ));
     }
     Ok(match (progress.open(), progress.all.failed) {

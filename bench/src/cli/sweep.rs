@@ -113,7 +113,7 @@ pub(super) fn check_methods(style: &FigureStyle, results: &Results) -> Result<()
     unknown.map_or(Ok(()), |name| {
         let nearest = nearest_of(name, &known);
         Err(UsageError(format!(
-            "--style: [methods.{name}]: no method of this name is shown; {nearest}"
+            "--style: no method of the name in [methods.{name}] is shown; {nearest}"
         )))
     })
 }

@@ -77,7 +77,7 @@ pub(super) struct TrainArgs {
 pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     if args.validation_pairs == 0 {
-        let reason = "--validation-pairs 0: to disable validation, set `intervals.validation = 0` \
+        let reason = "--validation-pairs must be at least 1; to disable validation, set `intervals.validation = 0` \
                       in the configuration";
         return Err(UsageError(reason.to_owned()).into());
     }

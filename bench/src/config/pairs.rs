@@ -99,7 +99,7 @@ impl PairConfig {
         ];
         match (&self.pairs, builds.iter().find(|(_, is_given)| *is_given)) {
             (Some(_), Some((option, _))) => Err(ConfigError::Usage(format!(
-                "pairs and {option} are mutually exclusive: the list is either read or built"
+                "pairs and {option} are mutually exclusive, because the list is either read or built"
             ))),
             (Some(path), None) => Ok(PairOrigin::Given(path.clone())),
             (None, _) => {

@@ -111,7 +111,7 @@ pub fn backend(backend: &Backend, adapter: Option<&str>) -> Result<Backend, Conf
             Ok(Backend::Wgpu(Some(name.to_owned())))
         }
         (Backend::Cpu, Some(_)) => usage(
-            "--adapter names a GPU, but --backend cpu uses none: use --backend wgpu".to_owned(),
+            "--adapter names a GPU, but --backend cpu uses none; use --backend wgpu".to_owned(),
         ),
         (Backend::Wgpu(Some(_)), Some(_)) => {
             usage(format!("--backend {backend} already names an adapter"))

@@ -165,7 +165,7 @@ impl RunConfig {
         }
     }
 
-    /// The options by name; those left at their defaults are omitted.
+    /// The options, keyed by name; those left at their defaults are omitted.
     ///
     /// # Errors
     /// If a path is not Unicode.

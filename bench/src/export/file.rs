@@ -19,7 +19,7 @@ pub(super) struct Stamp {
 }
 
 impl Stamp {
-    /// Whether `folder` has a description with this key, and all files that it lists are intact.
+    /// Whether `folder` has the file `description` with the key `key`, and all files that it lists are intact.
     pub(super) fn is_done(folder: &Path, description: &str, key: &str) -> bool {
         let Ok(bytes) = std::fs::read(folder.join(description)) else {
             return false;

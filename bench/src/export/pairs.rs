@@ -32,7 +32,8 @@ pub struct ExportOptions {
     pub target: bool,
     /// Write `source_depth.npy` and `target_depth.npy`, float32 metres; skipped for views without depth.
     pub depth: bool,
-    /// Reader settings by dataset; they determine the meaning of depth. If they change, the pairs are exported again.
+    /// Reader settings, keyed by dataset; they determine the meaning of depth. If they change, the pairs are exported
+    /// again.
     pub readings: BTreeMap<String, String>,
     /// Scales for which cameras are written, each with the folder name of its predictions.
     pub scales: Vec<(String, f64)>,

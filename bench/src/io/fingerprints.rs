@@ -10,7 +10,7 @@ macro_rules! groups {
     ($($(#[$doc:meta])* $name:ident $text:literal)+) => {
         $($(#[$doc])* pub const $name: &str = env!(concat!("SHARP_BENCH_", stringify!($name)));)+
 
-        /// All fingerprints by group name, for manifests.
+        /// All fingerprints, keyed by group name, for manifests.
         pub fn all() -> BTreeMap<String, String> {
             [$(($text, $name)),+]
                 .map(|(name, fingerprint)| (name.to_owned(), fingerprint.to_owned()))

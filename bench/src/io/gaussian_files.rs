@@ -61,16 +61,16 @@ pub enum GaussianFileError {
     Stored { path: PathBuf, source: PlyReason },
     /// View-dependent colours cannot be blended in linear light.
     #[error(
-        "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not \
-         rendered; `harmonics=drop` renders only the constant term; or bake the colours of the \
-         source's view into it", path.display()
+        "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; either \
+         render only the constant term (`harmonics=drop`), or bake the colours of the source's view into the \
+         constant term", path.display()
     )]
     ViewDependent { path: PathBuf, coefficients: usize },
     #[error("{}: sh has shape {shape:?}, expected [N, (degree + 1)², 3] with a degree up to 4", path.display())]
     Harmonics { path: PathBuf, shape: Vec<usize> },
     /// The rendering rule is stated neither in the file nor by the user.
     #[error(
-        "{}: it does not state which renderer it was made for: set the rule with rendering=NAME (--rendering NAME), \
+        "{}: it does not state which renderer it was made for; set the rule with rendering=NAME (--rendering NAME), \
          probably {likely} ({why}); for a file from SHARP, set color_space= instead", path.display()
     )]
     RuleUnknown {
@@ -386,7 +386,7 @@ fn rows<const K: usize>(
 mod tests {
     use super::*;
 
-    /// A PLY with one Gaussian, these comments and these additional properties, all 0.25.
+    /// A PLY with one Gaussian, `comments` and the additional `properties`, all 0.25.
     fn ply(comments: &[&str], properties: &[&str]) -> String {
         let mut text = "ply\nformat ascii 1.0\n".to_owned();
         for comment in comments {

@@ -32,7 +32,7 @@ pub struct HashedFile {
 pub struct FileStamp {
     len: u64,
     modified: Option<SystemTime>,
-    /// 0 on systems without inodes.
+    /// Inode of the file; 0 on systems without inodes.
     inode: u64,
 }
 

@@ -141,8 +141,8 @@ pub fn dimensions(path: &Path, rules: &PictureRules) -> Result<Option<(u32, u32)
         (orientation, OrientationRule::Auto) => Err(malformed(
             path,
             format!(
-                "its EXIF orientation is {orientation}: choose whether to read it as stored \
-                 (orientation=stored) or turned (orientation=upright)"
+                "its EXIF orientation is {orientation}; choose whether to read it as stored (orientation=stored) or \
+                 turned (orientation=upright)"
             ),
         )),
     }
@@ -228,7 +228,7 @@ fn read_exr(
     let transfer = said.or(reading.exr).ok_or_else(|| {
         malformed(
             path,
-            "it does not state whether its values are linear light or sRGB-encoded: set exr=linear (what most \
+            "it does not state whether its values are linear light or sRGB-encoded; set exr=linear (what most \
              programs write) or exr=srgb",
         )
     })?;
@@ -248,7 +248,7 @@ fn read_exr(
     let brighter = rgb.pixels().filter(is_brighter).count();
     if transfer == ExrTransfer::Linear && brighter > 0 && !is_ours {
         notes.push(format!(
-            "{:.2} % of its pixels are brighter than 1 and are clipped there (exr=linear): tone-map it like the \
+            "{:.2} % of its pixels are brighter than 1 and are clipped there (exr=linear); tone-map it like the \
              pictures that it is compared with",
             percent(brighter)
         ));

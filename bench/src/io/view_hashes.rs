@@ -38,7 +38,7 @@ impl ViewHashes {
         Ok(file.sha256().to_owned())
     }
 
-    /// The first of these files whose content changed since it was hashed.
+    /// The first of `paths` whose content has changed since it was hashed.
     pub(crate) fn changed(&self, paths: impl IntoIterator<Item = PathBuf>) -> Option<PathBuf> {
         paths.into_iter().find(|path| {
             let slot = lock(&self.files).get(path).map(Arc::clone);

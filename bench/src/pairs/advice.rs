@@ -8,10 +8,10 @@ use crate::pairs::PairOptions;
 use crate::pairs::build::{PairCounts, Problem, SPARSE_DENSITY};
 
 /// Suggested settings for datasets with sparse depth.
-const DENSE: &str = "overlap=given with --overlap-depth DIR (other dense depth, scaled to the dataset's, as in the \
-                     paper), overlap=depth-pro (the same with depth by Depth Pro's checkpoint), overlap=sharp-release \
-                     (by SHARP's) or overlap=sparse:8 \
-                     (the dataset's depth, agreement within 8 pixels)";
+const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth of your own, scaled to the dataset's as in \
+                     the paper), overlap=depth-pro or overlap=sharp-release (dense depth predicted by that \
+                     checkpoint, scaled likewise), or overlap=sparse:8 (the dataset's depth, which must agree \
+                     within 8 pixels)";
 
 /// One line with the counts of a dataset's pairs.
 pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
@@ -59,7 +59,8 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
     } else if counts.views > 0 && counts.with_depth == 0 && counts.too_near + counts.too_far == 0 {
         without_depth(dataset, options)
     } else if counts.considered == 0 {
-        "no set has two views; sets= and remainder= define the sets".to_owned()
+        "no set has two views (--pair-options sets=, size= and remainder= define the sets)"
+            .to_owned()
     } else if counts.too_near + counts.too_far == counts.considered {
         let farthest = options.max_baseline_m.map_or_else(String::new, |most| {
             format!(" or farther apart than max-baseline={most}")
@@ -69,10 +70,13 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
             options.min_baseline_m
         )
     } else if sparse {
-        format!("{}; use --pair-options {DENSE}", sparseness(counts))
+        format!(
+            "{}; choose one of these --pair-options: {DENSE}",
+            sparseness(counts)
+        )
     } else {
         format!(
-            "no pair has an overlap above threshold={}; `pairs --ambiguity` counts what other choices give",
+            "no pair has an overlap above threshold={}; `pairs --ambiguity` counts the pairs under different options",
             options.threshold
         )
     };
@@ -87,7 +91,7 @@ fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<Stri
     let named: Vec<String> = broken.iter().take(NAMED).map(first).collect();
     let others = match broken.len() - named.len() {
         0 => String::new(),
-        more => format!("; {} more", counted(more, "view")),
+        more => format!("; and {more} more"),
     };
     let pairs = match counts.unreadable {
         0 => format!("{} of {}", broken.len(), counted(counts.views, "view")),
@@ -107,7 +111,7 @@ pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option
     let is_sparse = counts.is_sparse() && options.depth.is_ground_truth();
     is_sparse.then(|| {
         format!(
-            "{}, so overlaps are measured at single pixels; it is better to use --pair-options {DENSE}",
+            "{}; better choices of --pair-options are {DENSE}",
             sparseness(counts)
         )
     })
@@ -115,32 +119,33 @@ pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option
 
 fn sparseness(counts: &PairCounts) -> String {
     format!(
-        "its depth is sparse (in {1} of the {2} with depth, fewer than {0} % of these pixels have a neighbour with depth), \
-         but overlap=ground-truth needs depth at exactly the pixel where a point lands",
+        "its depth is sparse (in {1} of {2} with depth, fewer than {0} % of the pixels with depth have a neighbour \
+         with depth), but overlap=ground-truth needs depth at exactly the pixel where a point lands",
         100.0 * SPARSE_DENSITY,
         counts.with_sparse_depth,
         counted(counts.with_depth, "view")
     )
 }
 
-/// A sentence for datasets without depth: which side is missing it, and where depth could come from.
+/// A sentence for datasets without depth, with the possible sources of depth.
 fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
     let (format, split) = (dataset.entry.format, dataset.setting("split"));
     if options.depth.is_ground_truth() && format == "scannetpp" && split.starts_with("nvs_test") {
         return format!(
-            "no view has depth; split={split} has no meshes, and its targets are not public; use split=nvs_sem_val, \
-             which has both, or depth=points (sparse) with --pair-options {DENSE}"
+            "no view has depth, because split={split} has no meshes, and its targets are not public either; use \
+             split=nvs_sem_val, which has both, or depth=points, which is sparse, with one of these \
+             --pair-options: {DENSE}"
         );
     }
     let scaled = if options.depth.is_ground_truth() {
         ""
     } else {
-        ", so other depth cannot be scaled to it (as all but overlap=given-metric require)"
+        ", but all overlap depth except overlap=given-metric is scaled to the dataset's"
     };
     format!(
-        "no view has depth{scaled}; `datasets check` lists the missing files; without them, --pair-options \
-         overlap=given-metric with --overlap-depth DIR uses other depth in metres, and missing-depth=accept selects \
-         pairs without overlap"
+        "no view has depth{scaled}; `datasets check` lists the missing files; without them, either use depth maps \
+         of your own in metres (--pair-options overlap=given-metric with --overlap-depth DIR), or select pairs \
+         without an overlap (missing-depth=accept)"
     )
 }
 
@@ -189,7 +194,7 @@ mod tests {
             all,
             [
                 "D: 90 of 90 pairs are left out because views cannot be read: s/v0 (0.png: truncated); s/v1 (1.png: \
-                 truncated); s/v2 (2.png: truncated); 7 views more"
+                 truncated); s/v2 (2.png: truncated); and 7 more"
             ]
         );
         let one = said(&broken[..1], 9, 0);
@@ -212,7 +217,7 @@ mod tests {
     fn sparse_depth_is_told_from_little_overlap() {
         let eth3d = said("eth3d=/x", "", depth(10, 9)).unwrap();
         for part in [
-            "in 9 of the 10 views with depth, fewer than 30 % of these pixels",
+            "in 9 of 10 views with depth, fewer than 30 % of the pixels with depth",
             "overlap=given with --overlap-depth",
             "sharp-release",
             "sparse:8",
@@ -233,7 +238,7 @@ mod tests {
             ..counts
         };
         let sparse = said("eth3d=/x", "", found(depth(10, 10))).unwrap();
-        assert!(sparse.contains("it is better to use"), "{sparse}");
+        assert!(sparse.contains("better choices"), "{sparse}");
         assert_eq!(
             said("eth3d=/x", "overlap=sparse", found(depth(10, 10))),
             None
@@ -251,7 +256,7 @@ mod tests {
         let other = said("scannetpp=/x,split=nvs_sem_val", "", depth(0, 0)).unwrap();
         assert!(other.contains("given-metric"), "{other}");
         let scaled = said("eth3d=/x", "overlap=sharp-release", depth(0, 0)).unwrap();
-        assert!(scaled.contains("scaled to it"), "{scaled}");
+        assert!(scaled.contains("is scaled to the"), "{scaled}");
         let near = PairCounts {
             too_near: 90,
             ..depth(0, 0)

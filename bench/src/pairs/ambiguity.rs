@@ -18,7 +18,7 @@ const SAMPLING: &str = "sampling";
 /// Subject of alternative reader settings.
 const READING: &str = "dataset reading";
 
-/// Changes by subject, as texts of [`PairOptions`] separated by blanks.
+/// Changes, grouped by subject, as texts of [`PairOptions`] separated by blanks.
 const ALTERNATIVES: [(&str, &str); 10] = [
     ("threshold", "threshold=0.5 threshold=0.7 at-threshold=in"),
     (
@@ -63,7 +63,7 @@ pub struct Alternative {
     pub change: String,
     #[serde(rename = "datasets")]
     pub counts: BTreeMap<String, Count>,
-    /// By dataset, why pairs cannot be counted under this choice.
+    /// Why pairs cannot be counted under this choice, keyed by dataset.
     pub unavailable: BTreeMap<String, String>,
 }
 

@@ -32,7 +32,7 @@ pub struct DatasetConfig {
 /// Pair options of one dataset, which override the common ones.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PairOverrides {
-    /// Values of [`PairOptions`](crate::pairs::PairOptions) by key, as text.
+    /// Values of [`PairOptions`](crate::pairs::PairOptions) as text, by their keys.
     pub options: BTreeMap<String, String>,
     pub overlap_depth: Option<PathBuf>,
     pub overlap_checkpoint: Option<PathBuf>,

@@ -59,7 +59,7 @@ pub struct ScaledCamera {
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ExpectedPrediction {
-    /// Relative to the folder in `imported:dir=`; `.jpg`, `.jpeg` and `.exr` are also accepted.
+    /// File name relative to the folder in `imported:dir=`; `.jpg`, `.jpeg` and `.exr` are also accepted.
     pub file: String,
     pub width: u32,
     pub height: u32,
@@ -181,8 +181,8 @@ pub(crate) fn conventions() -> BTreeMap<&'static str, &'static str> {
         ),
         (
             "pictures",
-            "8-bit sRGB, undistorted and resized: exactly the pixels that are scored; those that the dataset's masks exclude \
-             are black and not scored",
+            "8-bit sRGB, undistorted and resized: exactly the pixels that are scored; pixels that the dataset's \
+             masks exclude are black and not scored",
         ),
         (
             "depth",

@@ -22,7 +22,8 @@ pub enum PairError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(
-        "pair id '{0}' occurs twice: two datasets or scenes share a name (give each dataset its own: NAME:FORMAT=PATH)"
+        "pair id '{0}' occurs twice, because two datasets or scenes share a name; give each dataset a name of its \
+         own (NAME:FORMAT=PATH)"
     )]
     DuplicatePair(String),
     #[error("{what}: depth is {}x{}, but the camera's image is {}x{}", depth.0, depth.1, camera.0, camera.1)]

@@ -64,7 +64,7 @@ impl Frame {
         )
     }
 
-    /// Resizing and cropping of a picture of this size. Errors do not name the view.
+    /// Resizing and cropping of a picture of `w` × `h` pixels. Errors do not name the view.
     fn fit(&self, (w, h): (u32, u32)) -> Result<Fit, String> {
         let fit = |resized, size: (u32, u32)| {
             let (rw, rh): (u32, u32) = resized;
@@ -95,7 +95,7 @@ impl Frame {
                 let width = 8 * rounded(width / 8.0);
                 if width < to_w {
                     return Err(format!(
-                        "frame={self}: a view of {w}x{h} is too narrow for it"
+                        "frame={self}: a view of {w}x{h} is too narrow for this rule"
                     ));
                 }
                 fit((width, to_h), (to_w, to_h))

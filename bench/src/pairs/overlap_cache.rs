@@ -43,9 +43,9 @@ pub(super) struct DepthFacts {
 /// Measurements of a scene under one set of measuring options.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct SceneOverlaps {
-    /// Facts by view; `None` for a view without valid depth.
+    /// Facts, keyed by view; `None` for a view without valid depth.
     pub(super) depths: BTreeMap<usize, Option<DepthFacts>>,
-    /// Overlaps of views a < b with valid depth, by a, then by b.
+    /// Overlaps of views a < b with valid depth, keyed by a, then by b.
     couples: BTreeMap<usize, BTreeMap<usize, Option<Overlaps>>>,
     /// Views whose depth could not be read. Not stored, because the file may be fixed later.
     #[serde(skip)]
@@ -61,7 +61,7 @@ impl SceneOverlaps {
         self.couples.get(&a.min(b))?.get(&a.max(b))
     }
 
-    /// Whether the overlaps of these two views are known without measuring.
+    /// Whether the overlaps of views `a` and `b` are known without measuring.
     pub(super) fn knows(&self, a: usize, b: usize) -> bool {
         self.couple(a, b).is_some() || self.has_none(a) || self.has_none(b)
     }
@@ -84,7 +84,7 @@ impl SceneOverlaps {
         Some(sha256_hex(&serde_json::to_vec(self).ok()?))
     }
 
-    /// Whether the indices are valid for a scene of this many views.
+    /// Whether the indices are valid for a scene of `views` views.
     fn fits(&self, views: usize) -> bool {
         let couples = self.couples.iter();
         let mut couples = couples.flat_map(|(a, of_a)| of_a.keys().map(move |b| (*a, *b)));
@@ -223,7 +223,7 @@ fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, S
     let file: TableFile =
         serde_json::from_slice(&bytes).map_err(|error| format!("damaged ({error})"))?;
     if file.format != FORMAT || file.key != key {
-        return Err("it is another scene's table".to_owned());
+        return Err("it is the table of a different scene".to_owned());
     }
     if file.content.sha256().as_ref() != Some(&file.sha256) {
         return Err("damaged (its checksum differs)".to_owned());

@@ -32,7 +32,7 @@ pub struct DepthMaps {
 }
 
 impl PairProvenance {
-    /// The choices, as `key=value`, that are known to differ from the paper's for a dataset of this format with
+    /// The choices, as `key=value`, that are known to differ from the paper's for a dataset of the format `format` with
     /// `selected` selected pairs.
     pub fn proxies(&self, format: &str, selected: usize) -> Vec<String> {
         let kind = entry(format).map_or(PaperOverlap::Dense, |entry| entry.paper_overlap);
@@ -44,7 +44,7 @@ impl PairProvenance {
 #[derive(Debug, Serialize, Deserialize)]
 pub struct ListCompanion {
     schema: u32,
-    /// SHA-256 of the list it belongs to.
+    /// SHA-256 of the list that the companion belongs to.
     pub sha256: String,
     pub choices: BTreeMap<String, PairProvenance>,
     pub datasets: Vec<String>,
@@ -78,7 +78,7 @@ impl ListCompanion {
         write_json(&Self::path(list), self)
     }
 
-    /// The companion of exactly this list; `None` if there is none.
+    /// The companion of exactly the list `list`; `None` if there is none.
     pub fn of(list: &PairList) -> Option<Self> {
         let companion = Self::read(&Self::path(&list.path))?;
         (companion.schema == SCHEMA && companion.sha256 == list.sha256).then_some(companion)

@@ -69,8 +69,8 @@ impl OpenDepth {
     }
 }
 
-const NEEDS_DEPTH_PRO: &str = "overlap=depth-pro: there is no depth_pro.pt in torch's hub folder or in sharp-bench's \
-                               cache; pass the file with --overlap-checkpoint FILE";
+const NEEDS_DEPTH_PRO: &str = "overlap=depth-pro needs depth_pro.pt, which is neither in torch's hub folder nor in \
+                               sharp-bench's cache; pass the file with --overlap-checkpoint FILE";
 
 impl PairRecipe {
     /// A recipe that uses the dataset's own depth.
@@ -140,7 +140,7 @@ impl PairRecipe {
         Ok(recipe)
     }
 
-    /// Replaces [`OverlapDepth::Auto`].
+    /// Replaces [`OverlapDepth::Auto`] by the source of depth that it stands for.
     fn resolve(&mut self, paper: PaperOverlap) {
         self.overlap_checkpoint = match paper {
             PaperOverlap::Sparse => find_depth_pro(),
@@ -237,7 +237,7 @@ impl PairRecipe {
             Some(given) => match given.digest(&dataset.scenes)? {
                 (0, _) => {
                     let reason = format!(
-                        "--overlap-depth: no map found for any view of '{}'",
+                        "--overlap-depth has no map for any view of '{}'",
                         dataset.name
                     );
                     return Err(PairError::Recipe(reason));
@@ -267,7 +267,8 @@ impl PairRecipe {
             return Err(PairError::DatasetSpec {
                 spec: own.config.to_string(),
                 reason:
-                    "--ambiguity varies one set of pair options for all datasets: remove those of this spec and use --pair-options"
+                    "--ambiguity varies one set of pair options for all datasets; remove those of this spec and use \
+                     --pair-options"
                         .to_owned(),
             });
         }
@@ -319,7 +320,7 @@ impl PairRecipe {
 }
 
 impl BuiltList {
-    /// Converts to a list to be written to `path`.
+    /// Converts the pairs to a list to be written to `path`.
     pub fn list(&self, path: impl Into<PathBuf>) -> PairList {
         PairList::new(path, self.build.pairs.clone())
     }

@@ -21,7 +21,7 @@ pub enum SamplingRule {
     /// consecutively from one generator.
     #[value(name = "stratified:baseline")]
     StratifiedBaseline,
-    /// The first ones by pair id.
+    /// The first ones when sorted by pair id.
     First,
 }
 
@@ -35,7 +35,7 @@ pub struct SamplingOptions {
 }
 
 impl Default for SamplingOptions {
-    /// 512, uniformly, seed 0.
+    /// At most 512 pairs, drawn uniformly with seed 0.
     fn default() -> Self {
         Self {
             limit: Some(512),

@@ -6,7 +6,7 @@ use sharp::random::SplitMix64;
 /// Rule for grouping views into sets. Views are numbered in natural order of their ids.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Grouping {
-    /// Views 0–9, 10–19, …
+    /// Consecutive views share a set: 0–9, 10–19, …
     Consecutive,
     /// View i is in set `i mod ⌈n / size⌉`, so every set spans the whole sequence. Set sizes differ by at most one, and
     /// there is no remainder.

@@ -83,7 +83,7 @@ impl Protocol {
     /// Looks up a protocol.
     ///
     /// # Errors
-    /// If there is none of this name.
+    /// If there is no protocol called `name`.
     pub fn named(name: &str) -> Result<&'static Self, ConfigError> {
         let found = PROTOCOLS.iter().find(|protocol| protocol.name == name);
         found.ok_or_else(|| {

@@ -32,8 +32,7 @@ impl Request {
         }
         if config.datasets.is_empty() {
             return usage(
-                "no dataset: give one with --dataset SPEC (`datasets list` shows the \
-                          formats)",
+                "no dataset; give one with --dataset SPEC (`datasets list` shows the formats)",
             );
         }
         let protocol = config

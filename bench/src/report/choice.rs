@@ -53,7 +53,7 @@ pub(super) fn choose<'a>(
     chosen
 }
 
-/// The pairs of a dataset from worst to best score, then by id.
+/// The pairs of a dataset, sorted from worst to best score, then by id.
 pub(super) fn by_badness<'a>(
     board: &Board<'a>,
     pairs: &'a [PairBoard<'a>],

@@ -8,7 +8,7 @@ use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use super::error::MissingPicture;
 use super::pictures::reduced;
 
-/// Polynomial coefficients by ascending power, each for red, green and blue.
+/// Polynomial coefficients, in ascending order of power, each for red, green and blue.
 const INFERNO: [[f64; 3]; 7] = [
     [
         0.0002189403691192265,
@@ -100,20 +100,20 @@ pub fn picture(
     side: u32,
 ) -> Result<RgbImage, MissingPicture> {
     let error = absolute_error(prediction, target)?;
-    Ok(averaged(error, scored, HALF, side, |error| {
+    Ok(averaged(error, scored, MIN_SCORED, side, |error| {
         colour(error / max)
     }))
 }
 
-/// Minimum share of scored pixels in a reduced pixel; below it, the pixel is hatched.
-const HALF: f32 = 0.5;
+/// A reduced pixel is hatched if less than this share of its pixels is scored.
+const MIN_SCORED: f32 = 0.5;
 
 /// Values in colour, averaged over the scored pixels and reduced to fit `side`; [`hatched`] if the share of scored
-/// pixels is below `enough`.
+/// pixels is below `min_scored`.
 pub(super) fn averaged(
     mut error: ImageBuffer<Luma<f32>, Vec<f32>>,
     scored: impl Fn(u32, u32) -> bool,
-    enough: f32,
+    min_scored: f32,
     side: u32,
     colour: impl Fn(f32) -> Rgb<u8>,
 ) -> RgbImage {
@@ -128,7 +128,7 @@ pub(super) fn averaged(
     let (width, height) = error.dimensions();
     RgbImage::from_fn(width, height, |x, y| {
         let (error, weight) = (error.get_pixel(x, y).0[0], weight.get_pixel(x, y).0[0]);
-        if weight < enough {
+        if weight < min_scored {
             hatched(x, y)
         } else {
             colour(error / weight)
@@ -153,7 +153,7 @@ pub fn change(
     for (change, before) in change.iter_mut().zip(before.iter()) {
         *change -= before;
     }
-    Ok(averaged(change, scored, HALF, side, |grown| {
+    Ok(averaged(change, scored, MIN_SCORED, side, |grown| {
         diverging(grown / max)
     }))
 }

@@ -30,8 +30,8 @@ const MIN_SIDE: u32 = 240;
 const MIN_SIDE_IN_FOLDER: u32 = 96;
 /// Number of pairs per dataset that are encoded to estimate the size of all pictures.
 const PROBES: usize = 5;
-/// Share of the budget to aim for, because sizes are estimates.
-const FILLED: f64 = 0.9;
+/// Pictures are sized to fill this share of the budget, because their file sizes are estimates.
+const TARGET_FILL: f64 = 0.9;
 
 /// Kind of picture of a pair. Kinds for predictions follow those for the two views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -40,7 +40,7 @@ pub enum PictureKind {
     Target,
     /// The target, hatched at pixels that are not scored.
     Mask,
-    /// Inverse depth of the target in colour; [`Self::SourceDepth`] is the source's.
+    /// Inverse depth of the target in colour; [`Self::SourceDepth`] is that of the source.
     Depth,
     SourceDepth,
     Prediction,
@@ -74,7 +74,7 @@ pub type Pictures = BTreeMap<PictureKind, Result<Thumbnail, MissingPicture>>;
 #[derive(Debug)]
 pub struct Gallery<'a> {
     pub layout: Layout,
-    /// Pairs by dataset as in the board, then by id.
+    /// Pairs, sorted by dataset as in the board, then by id.
     pub pairs: Vec<GalleryPair<'a>>,
     /// Number of pairs in the run.
     pub of: usize,
@@ -170,7 +170,7 @@ impl<'a> Gallery<'a> {
         }
     }
 
-    /// Whether any pair has a picture of this kind.
+    /// Whether any pair has a picture of the kind `kind`.
     pub(super) fn has(&self, kind: PictureKind) -> bool {
         let mut pictures = self.pairs.iter().flat_map(GalleryPair::all_pictures);
         pictures.any(|pictures| matches!(pictures.get(&kind), Some(Ok(_))))
@@ -224,7 +224,7 @@ fn side<'a>(
             .map(|(pair, share)| share * load(*pair, side).bytes(layout) as f64)
             .collect();
         let needed = bytes.iter().sum::<f64>().max(1.0);
-        let fitting = f64::from(side) * (FILLED * budget.bytes as f64 / needed).sqrt();
+        let fitting = f64::from(side) * (TARGET_FILL * budget.bytes as f64 / needed).sqrt();
         let before = side;
         // `as` saturates.
         side = (fitting as u32).max(least).min(budget.side).max(1);

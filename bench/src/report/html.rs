@@ -63,7 +63,7 @@ pub struct Page<'a> {
     pub board: &'a Board<'a>,
     pub ours: &'a [Table],
     pub published: &'a [Table],
-    /// Plots by file stem.
+    /// Plots, each with its file stem.
     pub figures: &'a [(String, Figure)],
     pub gallery: &'a Gallery<'a>,
     pub pictures: &'a ReportPictures<'a>,

@@ -115,11 +115,11 @@ fn datasets(manifest: &Manifest, records: &[Record]) -> String {
     let named: Vec<String> = named.collect();
     let limits = manifest.pairs.lists.iter().filter_map(|list| list.limit);
     let limit = limits.max().map_or_else(String::new, |limit| {
-        format!(", at most {limit} of those that were selected")
+        format!(", at most {limit} of the selected ones")
     });
     format!(
-        "Pairs of source and target view: {}; the list of all {} has the sha256 \\texttt{{{}}}; {} of them were \
-         evaluated{limit}.",
+        "Pairs of source and target view: {}. The list of all {} pairs has the sha256 \\texttt{{{}}}; {} of these \
+         pairs were evaluated{limit}.",
         named.join(", "),
         manifest.pairs.listed,
         short(&manifest.pairs.sha256),
@@ -328,7 +328,7 @@ mod tests {
         for part in [
             "\\texttt{sharp-bench} 9.9 after the protocol of SHARP~\\cite{mescheder2025sharp}.",
             "D\\_1 ($n=2$, 16$\\times$12 pixels)",
-            &format!("all {listed} has the sha256 \\texttt{{0123456789ab}}"),
+            &format!("all {listed} pairs has the sha256 \\texttt{{0123456789ab}}"),
             "1 of 2 predictions failed",
             "sRGB, 8 bit, rounded to nearest",
             "mean over pairs",

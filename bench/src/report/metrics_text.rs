@@ -29,7 +29,7 @@ pub struct MethodsText {
 }
 
 impl MethodsText {
-    /// Describes metrics as computed with these weights.
+    /// Describes the metrics `keys` as computed with the weights `used`.
     pub fn new(keys: &[MetricKey], used: &[WeightsUsed]) -> Self {
         let infos: Vec<MetricInfo> = keys.iter().map(|key| MetricInfo::new(*key, used)).collect();
         let before = format!(

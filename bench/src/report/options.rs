@@ -79,8 +79,8 @@ pub struct ReportComparison {
     pub grids: Vec<TextGrid>,
     /// Tables of differences by part.
     pub details: Vec<TextGrid>,
-    /// How much worse B is, by pair id and column key; used to select and sort pairs.
+    /// How much worse B is, keyed by pair id, then by column key; used to select and sort pairs.
     pub losses: BTreeMap<String, BTreeMap<String, f64>>,
-    /// Additional files, by name.
+    /// Additional files, keyed by name.
     pub files: Vec<(String, Vec<u8>)>,
 }

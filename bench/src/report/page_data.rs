@@ -86,7 +86,7 @@ fn pair_data(page: &Page<'_>, shown: &GalleryPair<'_>) -> Value {
     })
 }
 
-/// By kind, `[address, width, height]` or the reason why the picture is missing.
+/// For each kind, `[address, width, height]` or the reason why the picture is missing.
 fn pictures(page: &Page<'_>, pictures: &Pictures) -> Value {
     let address = |picture: &Thumbnail| match page.gallery.layout {
         Layout::File => picture.address(),
@@ -132,7 +132,7 @@ fn facts_of(facts: &Record) -> Vec<String> {
     facts.into_iter().flatten().collect()
 }
 
-/// How much worse method B is on a pair, by metric; `None` if the page is not a comparison.
+/// How much worse method B is on a pair, for each metric; `None` if the page is not a comparison.
 fn losses(page: &Page<'_>, facts: &Record) -> Option<Vec<Option<f64>>> {
     let of_pair = page
         .options

@@ -33,10 +33,11 @@ pub struct ReportPictures<'a> {
     /// In a public report, the datasets whose pictures are withheld; `None` otherwise. A public
     /// report also shows no paths.
     withheld: Option<BTreeSet<String>>,
-    /// Kept pictures by pair and method, so that each file is hashed once.
+    /// Kept pictures, keyed by pair and method, so that each file is hashed once.
     kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
     not_scored: Mutex<BTreeSet<PathBuf>>,
-    /// Cache of photographs by address of their view, because a view is in many pairs; not extended once full.
+    /// Cache of photographs, keyed by the address of their view, because a view is in many pairs; not extended once
+    /// full.
     photographs: Mutex<BTreeMap<usize, RgbImage>>,
 }
 

@@ -8,8 +8,8 @@ use super::error_map::{averaged, hatched};
 
 /// Maximum number of depth values used to choose the ends of the colour scale.
 const SAMPLES: usize = 1 << 16;
-/// Share of values beyond each end of the colour scale.
-const BEYOND: f64 = 0.02;
+/// The colour scale leaves out this share of the values at each end.
+const CUT_SHARE: f64 = 0.02;
 
 /// The picture with stripes where it is not scored.
 pub fn masked(picture: &RgbImage, scored: impl Fn(u32, u32) -> bool) -> RgbImage {
@@ -39,7 +39,9 @@ pub fn inverse_depth(depth: &DepthMap, side: u32) -> RgbImage {
     known.sort_by(f32::total_cmp);
     let last = known.len().saturating_sub(1) as f64;
     let end = |share: f64| known.get((share * last).round() as usize).copied();
-    let (least, most) = end(BEYOND).zip(end(1.0 - BEYOND)).unwrap_or((0.0, 1.0));
+    let (least, most) = end(CUT_SHARE)
+        .zip(end(1.0 - CUT_SHARE))
+        .unwrap_or((0.0, 1.0));
     let is_known = |x, y| depth.get_pixel(x, y).0[0] > 0.0;
     // Sparse maps may have depth in only one pixel of twenty, so a reduced pixel is coloured if any of its pixels has
     // depth.

@@ -34,7 +34,7 @@ use sharp_plots::Figure;
 pub struct ReportFiles {
     /// The page to open.
     pub html: PathBuf,
-    /// The same content as Markdown.
+    /// The page's content as Markdown.
     pub markdown: PathBuf,
     /// Location of the page's pictures.
     pub layout: Layout,
@@ -337,7 +337,7 @@ fn pairs_here(board: &Board<'_>) -> Option<String> {
     (!of_paper.is_empty()).then(|| format!("Measured here: {}.", of_paper.join(", ")))
 }
 
-/// Plots of each metric against the baseline, of each metric by scene, and the histogram, by file stem.
+/// Plots of each metric against the baseline, of each metric by scene, and the histogram, each with its file stem.
 fn figures(metrics: &[Column], board: &Board<'_>) -> Result<Vec<(String, Figure)>, ReportError> {
     let mut figures = Vec::new();
     for metric in metrics {

@@ -46,7 +46,7 @@ impl TrainingFolder {
             {
                 let difference = difference(&before, text);
                 return Err(refused(format!(
-                    "a training run with another configuration: {difference}; use another folder"
+                    "it contains a training run with another configuration ({difference}); use another folder"
                 )));
             }
         } else {
@@ -93,7 +93,7 @@ fn difference(before: &str, now: &str) -> String {
     });
     let mut keys = before.keys().chain(now.keys());
     let Some(key) = keys.find(|key| before.get(*key) != now.get(*key)) else {
-        return "a default value, or a file named in it, has changed".to_owned();
+        return "a default value, or a file named in the configuration, has changed".to_owned();
     };
     let text = |value: Option<&String>| value.cloned().unwrap_or_else(|| "not given".to_owned());
     let (before, now) = (text(before.get(key)), text(now.get(key)));

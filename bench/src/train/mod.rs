@@ -80,11 +80,10 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     let validation = validation.transpose()?;
     let weight = config.losses.percep;
     let is_vgg = config.loss_options.percep.resnet50dilated.is_none();
-    if is_vgg && weight > VGG_WEIGHT_AT_MOST {
+    if is_vgg && weight > MAX_VGG_WEIGHT {
         observer.warn(&format!(
             "`losses.percep` is {weight}, a weight for the paper's network \
-             (`loss_options.percep.resnet50dilated`, which `weights fetch resnet50dilated` gets); with VGG16, its \
-             values are about a hundred times as large and need a weight near 0.01"
+             (`loss_options.percep.resnet50dilated`, which `weights fetch resnet50dilated` gets); with VGG16, this loss is about a hundred times as large and needs a weight near 0.01"
         ));
     }
     // Save the name of the bundled network rather than its path, which depends on where the program is installed.
@@ -133,8 +132,8 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     })
 }
 
-/// Largest weight at which the perceptual loss with VGG16 does not outweigh all other losses.
-const VGG_WEIGHT_AT_MOST: f64 = 0.3;
+/// Above this weight, the perceptual loss with VGG16 outweighs all other losses.
+const MAX_VGG_WEIGHT: f64 = 0.3;
 
 /// Number of steps per stage whose loss and time are reported.
 const MILESTONES: u64 = 50;

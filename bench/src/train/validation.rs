@@ -57,8 +57,8 @@ impl Validation {
     /// Selects the pairs by the paper's rules and writes them into the folder of the training run.
     ///
     /// # Errors
-    /// [`TrainError::NotHeldOut`] if a dataset is also trained on; [`TrainError::OtherFolder`] if the pairs differ
-    /// from those of earlier validations; [`TrainError::Pairs`].
+    /// [`TrainError::NotHeldOut`] if a dataset is also trained on; [`TrainError::OtherFolder`] if the pairs differ from
+    /// those of earlier validations; [`TrainError::Pairs`] if the pairs cannot be built.
     pub(super) fn new(
         request: ValidationRequest,
         config: &TrainingConfig,
@@ -115,8 +115,8 @@ impl Validation {
         })
     }
 
-    /// The mean of every metric, by key. If there are several datasets, keys are prefixed with the
-    /// dataset's name.
+    /// The mean of every metric, with its key. If there are several datasets, keys are prefixed with the dataset's
+    /// name.
     ///
     /// # Errors
     /// If a pair cannot be predicted, or the run fails.

@@ -11,9 +11,9 @@ use rayon::prelude::*;
 use sharp::random::{SplitMix64, mix};
 use sharp_statistics::{ALPHA, Clusters, Inference, NoInference, Resampling, infer};
 
-/// Standard deviations as a fraction of the score: of a pair's difference around its scene's, and of scenes around the
-/// true mean.
+/// Standard deviation of a pair's difference around that of its scene, as a fraction of the score.
 const PAIR_NOISE: f64 = 0.05;
+/// Standard deviation of the scenes' differences around the true mean, as a fraction of the score.
 const SCENE_NOISE: f64 = 0.02;
 /// Size of a simulated change on every second scene.
 const SHIFT: f64 = 0.02;

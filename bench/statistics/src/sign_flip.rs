@@ -26,7 +26,8 @@ pub struct SignFlip {
     /// For each pattern, the lowest true mean under which the pattern's mean is at least as far from
     /// its expectation as the observed mean; sorted.
     lows: Vec<f64>,
-    /// For each pattern, the highest true mean under which the same holds; sorted.
+    /// For each pattern, the highest true mean under which the pattern's mean is at least as far from its expectation
+    /// as the observed mean; sorted.
     highs: Vec<f64>,
 }
 

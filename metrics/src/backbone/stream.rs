@@ -26,11 +26,10 @@ pub(crate) struct Taps<'a> {
 /// Memory in bytes for new rows of one layer's input and output, if the strip's height is not given.
 const MEMORY: usize = 64 << 20;
 
-/// Minimum number of pixels for which a layer with weights runs; fewer do not justify reading the
-/// weights.
+/// A layer with weights waits for at least this number of pixels; fewer do not justify reading the weights.
 const BATCH_PIXELS: usize = 2048;
 
-/// Maximum number of rows of a batch.
+/// A layer waits for at most this number of rows.
 const BATCH: usize = 16;
 
 /// Rows per Winograd tile. A batch that ends within a tile wastes the tile's remaining rows.
@@ -168,7 +167,7 @@ pub(super) fn memory(
     (pictures * held + (pictures + LANES) * block) * size_of::<f32>()
 }
 
-/// Number of rows that a layer of this width waits for.
+/// Number of rows that a layer of `width` pixels waits for.
 fn batch(width: usize, strip: usize) -> usize {
     let rows = BATCH_PIXELS.div_ceil(width).next_multiple_of(TILE);
     rows.min(BATCH).min(strip)

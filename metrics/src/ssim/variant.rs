@@ -14,7 +14,7 @@ pub enum SsimVariant {
     Gauss11ValidDataRange,
     Gauss11ValidBounded,
     Gauss11ZeroGuarded,
-    /// Only has a value inside a mask.
+    /// Only windows that lie inside a mask as a whole; has no value without a mask.
     Gauss11ValidWholeWindow,
 }
 

@@ -43,7 +43,7 @@ pub(crate) fn linear_weights(net: LpipsNet) -> Result<Vec<Vec<f32>>, WeightsErro
     linear(net, &file)
 }
 
-/// The linear weights of LPIPS v0.0, by layer.
+/// The linear weights of LPIPS v0.0, one list per layer.
 pub(crate) fn linear_weights_v0(net: LpipsNet) -> Result<Vec<Vec<f32>>, WeightsError> {
     let file = match net {
         LpipsNet::Alex => LPIPS_ALEX_V0,

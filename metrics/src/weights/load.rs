@@ -12,7 +12,7 @@ use super::embedded::ALEXNET;
 use super::{Backbone, Weights, WeightsError, WeightsSource, WeightsUsed};
 use crate::backbone::architecture;
 
-/// Shape and values (in C order) of tensors by name.
+/// Shapes and values (in C order) of tensors, keyed by name.
 pub type NamedTensors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
 /// All tensors of a network's features, by their name after `features.`.
@@ -78,7 +78,7 @@ impl Weights {
     }
 }
 
-/// The published convolutions that are compiled into this program: AlexNet's.
+/// The published convolutions that are compiled into this program, which are those of AlexNet.
 fn built_in(backbone: Backbone) -> Result<Tensors, WeightsError> {
     let tensors = architecture::tensors(backbone).into_iter().map(|tensor| {
         let name = format!("features.{}", tensor.name);

@@ -126,7 +126,7 @@ pub fn lies_in(folders: Vec<PathBuf>) {
     OWN_FOLDERS.get_or_init(|| folders);
 }
 
-/// Folders of the program's bundled files: [as set](lies_in), or else the executable's.
+/// Folders of the program's bundled files: those [set](lies_in), or else the folder of the executable.
 pub fn own_folders() -> Vec<PathBuf> {
     let beside = || Some(std::env::current_exe().ok()?.parent()?.to_owned());
     let set = OWN_FOLDERS.get().cloned();

@@ -73,7 +73,7 @@ impl Checkpoint {
     /// Shape of a tensor in PyTorch's axis order.
     ///
     /// # Errors
-    /// [`CheckpointError::NoTensor`].
+    /// [`CheckpointError::NoTensor`] if the file has no tensor of this name.
     pub fn shape(&self, name: &str) -> Result<&[usize], CheckpointError> {
         Ok(&self.layout(name)?.shape)
     }
@@ -81,7 +81,7 @@ impl Checkpoint {
     /// Stored element type of a tensor.
     ///
     /// # Errors
-    /// [`CheckpointError::NoTensor`].
+    /// [`CheckpointError::NoTensor`] if the file has no tensor of this name.
     pub fn dtype(&self, name: &str) -> Result<DType, CheckpointError> {
         Ok(self.layout(name)?.dtype)
     }
@@ -90,7 +90,8 @@ impl Checkpoint {
     /// rounded to the nearest f32.
     ///
     /// # Errors
-    /// [`CheckpointError::NoTensor`]; [`CheckpointError::Io`].
+    /// [`CheckpointError::NoTensor`] if the file has no tensor of this name; [`CheckpointError::Io`] if it cannot be
+    /// read.
     pub fn tensor_f32(&self, name: &str) -> Result<Vec<f32>, CheckpointError> {
         let values = self.layout(name)?.f32(&self.file);
         values.map_err(|fault| fault.at(&self.path))
@@ -99,7 +100,8 @@ impl Checkpoint {
     /// Elements of a tensor in their stored type, little-endian, in C order.
     ///
     /// # Errors
-    /// [`CheckpointError::NoTensor`]; [`CheckpointError::Io`].
+    /// [`CheckpointError::NoTensor`] if the file has no tensor of this name; [`CheckpointError::Io`] if it cannot be
+    /// read.
     pub fn tensor_bytes(&self, name: &str) -> Result<Vec<u8>, CheckpointError> {
         let bytes = self.layout(name)?.bytes(&self.file);
         bytes.map_err(|fault| fault.at(&self.path))
@@ -108,7 +110,7 @@ impl Checkpoint {
     /// SHA-256 of the whole file, in lower-case hexadecimal. Reads the entire file.
     ///
     /// # Errors
-    /// [`CheckpointError::Io`].
+    /// [`CheckpointError::Io`] if the file cannot be read.
     pub fn sha256(&self) -> Result<String, CheckpointError> {
         let hash = self.file.sha256();
         hash.map_err(|error| Fault::Io(error).at(&self.path))

@@ -29,11 +29,11 @@ pub struct Misshaped {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct Incomplete {
     pub path: PathBuf,
-    /// Expected, but not in the file.
+    /// Tensors that are expected, but not in the file.
     pub missing: Vec<Expected>,
-    /// In the file, but neither expected nor allowed to be unused.
+    /// Tensors in the file that are neither expected nor allowed to be unused.
     pub surplus: Vec<String>,
-    /// In the file, but with another shape.
+    /// Tensors in the file that have another shape.
     pub misshaped: Vec<Misshaped>,
 }
 
@@ -41,7 +41,7 @@ impl fmt::Display for Incomplete {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{}: does not fit the model: {} missing, {} surplus, {} of another shape",
+            "{}: does not fit the model ({} missing, {} surplus, {} of another shape)",
             self.path.display(),
             self.missing.len(),
             self.surplus.len(),

@@ -26,8 +26,8 @@ pub struct OutTensor {
 /// `data(tensor)` returns the elements, little-endian, in C order.
 ///
 /// # Errors
-/// Any error of `data`; [`CheckpointError::Io`]; [`CheckpointError::Malformed`] if two tensors share a name or the data
-/// does not fill the shape.
+/// Any error of `data`; [`CheckpointError::Io`] if the file cannot be written; [`CheckpointError::Malformed`] if two
+/// tensors share a name or the data does not fill the shape.
 pub fn write_safetensors<'a>(
     path: &Path,
     metadata: &BTreeMap<String, String>,

@@ -214,7 +214,7 @@ fn remember_tag(part: &Path, tag: Option<String>) -> Result<(), DownloadError> {
 /// Removes a file if it exists.
 ///
 /// # Errors
-/// [`DownloadError::Io`].
+/// [`DownloadError::Io`] if an existing file cannot be removed.
 pub fn remove(path: &Path) -> Result<(), DownloadError> {
     match fs::remove_file(path) {
         Err(source) if source.kind() != io::ErrorKind::NotFound => Err(io_error(path, source)),

@@ -83,7 +83,10 @@ pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<Contents, Fault> {
     };
     let len = u64::from_le_bytes(len);
     if len > MAX_HEADER || len > file.len() as u64 - 8 {
-        return malformed!("safetensors: a header of {len} bytes");
+        return malformed!(
+            "safetensors: the header states a length of {len} bytes, which is impossible or \
+                           unsupported"
+        );
     }
     let base = 8 + len as usize;
     let data_len = file.len() - base;
@@ -100,7 +103,10 @@ pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<Contents, Fault> {
         };
         let [start, end] = entry.data_offsets;
         if start > end || end > data_len {
-            return malformed!("tensor '{name}': bytes {start}..{end} of {data_len}: truncated?");
+            return malformed!(
+                "tensor '{name}': bytes {start}..{end} lie beyond the {data_len} bytes of data \
+                               (truncated?)"
+            );
         }
         spans.push((start, end));
         match TensorLayout::contiguous(dtype, entry.shape, base + start..base + end, file.len()) {

@@ -84,7 +84,7 @@ impl fmt::Display for DType {
 pub(crate) struct TensorLayout {
     pub(crate) dtype: DType,
     pub(crate) shape: Vec<usize>,
-    /// In elements, one per axis.
+    /// Distances along each axis, in elements.
     strides: Vec<usize>,
     /// Byte range in the file from the tensor's first element to the end of its storage.
     bytes: Range<usize>,

@@ -154,7 +154,7 @@ fn entry(
     if method != 0 {
         return Ok(ZipEntry::Unreadable(format!(
             "is compressed (method {method}); PyTorch stores entries uncompressed, \
-             so the file was repacked: unpack and save it again"
+             so the file was repacked; unpack and save it again"
         )));
     }
     if packed != size {

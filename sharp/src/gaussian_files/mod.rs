@@ -72,7 +72,7 @@ pub fn load(path: &Path, reading: impl Into<StoredForm>) -> Result<GaussianScene
 /// Like [`load`], for the bytes of a file called `name`.
 ///
 /// # Errors
-/// [`PlyReason`].
+/// [`PlyReason`] says why the bytes cannot be read; it does not name the file.
 pub fn from_bytes(
     bytes: &[u8],
     name: &str,

@@ -7,9 +7,9 @@ use crate::ply::{
 /// Bytes per Gaussian: position and standard deviations as f32, colour and opacity as bytes, the quaternion w, x, y, z
 /// as bytes for −1..1.
 const ROW: usize = 32;
-/// Maximum difference of a quaternion's length from 1; quantisation alone causes at most 0.02. A warning is given if
-/// more than one in twenty differ by more.
-const OFF_UNIT: f32 = 0.1;
+/// A quaternion counts as not normalised if its length differs from 1 by more than this; quantisation alone causes at
+/// most 0.02. More than one such quaternion in twenty gives a warning.
+const MAX_LENGTH_DEVIATION: f32 = 0.1;
 
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     let (rows, rest) = bytes.as_chunks::<ROW>();
@@ -48,18 +48,21 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     Ok(out)
 }
 
-/// Warns about quaternions whose length is not 1. Lengths up to [`OFF_UNIT`] are not counted: they
+/// Warns about quaternions whose length is not 1. Lengths up to [`MAX_LENGTH_DEVIATION`] are not counted: they
 /// may be quantised zeros.
 fn broken_quaternions(quaternions: &[[f32; 4]]) -> Option<Suspicion> {
     let lengths = quaternions
         .iter()
         .map(|q| q.map(|v| v * v).iter().sum::<f32>().sqrt());
-    let off = lengths.filter(|length| *length > OFF_UNIT && (length - 1.0).abs() > OFF_UNIT);
+    let off = lengths.filter(|length| {
+        *length > MAX_LENGTH_DEVIATION && (length - 1.0).abs() > MAX_LENGTH_DEVIATION
+    });
     let off = off.count();
     (20 * off > quaternions.len()).then(|| {
         let text = format!(
-            "{:.0} % of its quaternions do not have length 1, so these Gaussians are rotated wrongly: were they not \
-             normalised, or did their bytes overflow? Write 128 + 128 q of unit quaternions, clamped to 0..255",
+            "{:.0} % of its quaternions do not have length 1, so these Gaussians are rotated wrongly; perhaps they \
+             were not normalised, or their bytes overflowed (the format stores 128 + 128 q of unit quaternions, \
+             clamped to 0..255)",
             100.0 * off as f64 / quaternions.len() as f64
         );
         Suspicion::new("quaternion bytes", text)

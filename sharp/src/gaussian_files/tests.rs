@@ -210,6 +210,6 @@ fn splat_quaternions_that_are_not_of_length_1_are_told() {
     ];
     for wrong in wrapped {
         let text = about(file(wrong));
-        assert!(text.contains("did their bytes overflow?"), "{text}");
+        assert!(text.contains("or their bytes overflowed"), "{text}");
     }
 }

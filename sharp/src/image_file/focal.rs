@@ -140,8 +140,7 @@ fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
     (!SHAPES.into_iter().any(fits)).then(|| {
         format!(
             "the picture is {width:.0}x{height:.0}, an aspect ratio that cameras do not produce, and the file does \
-             not state the size of the photograph; if it was cropped, its focal length is longer than {px:.2} px: \
-             set --focal-px"
+             not state the size of the photograph; if it was cropped, its focal length is longer than {px:.2} px; set --focal-px"
         )
     })
 }
@@ -256,7 +255,7 @@ impl Sensor {
         } = self;
         match source {
             FocalSource::Equivalent35mm(_) if by_sensor > px => format!(
-                "the file's 35 mm equivalent gives {px:.2} px, its FocalPlaneXResolution {by_sensor:.2} px: the \
+                "the file's 35 mm equivalent gives {px:.2} px, its FocalPlaneXResolution {by_sensor:.2} px; the \
                  former is right if the picture was resized, the latter if it was cropped; set --focal-px"
             ),
             _ => format!(

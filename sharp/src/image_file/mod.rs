@@ -42,7 +42,7 @@ pub enum ImageFileError {
     /// The file is truncated, damaged, or violates its format.
     #[error("{0}")]
     Damaged(String),
-    #[error("the picture is {width}x{height}, without a pixel")]
+    #[error("the picture is {width}x{height}, so it has no pixels")]
     Empty { width: u32, height: u32 },
     #[error("the header declares {width}x{height} pixels, which {file_bytes} bytes cannot hold")]
     Oversized {
@@ -57,12 +57,12 @@ pub enum ImageFileError {
     )]
     TooLarge { width: u32, height: u32 },
     #[error(
-        "{percent:.1} % of its pixels are not opaque: alpha=black or alpha=white composites it over that colour, \
+        "{percent:.1} % of its pixels are not opaque; alpha=black or alpha=white composites it over that colour, \
          alpha=drop uses its colours as stored"
     )]
     Alpha { percent: f64 },
     #[error(
-        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or \
+        "its colour profile '{name}' cannot be converted to sRGB ({reason}); convert the file, or \
          use its stored values with color=as-stored"
     )]
     Profile { name: String, reason: &'static str },
@@ -71,7 +71,8 @@ pub enum ImageFileError {
     )]
     FloatingPoint,
     #[error(
-        "its 16-bit values end at {highest}, as if {bits}-bit values had been stored unscaled: multiply them by {factor}"
+        "its 16-bit values end at {highest}, as if {bits}-bit values had been stored unscaled; multiply them by \
+         {factor}"
     )]
     Unscaled {
         highest: u16,
@@ -173,7 +174,7 @@ impl Picture {
 /// Decodes a picture according to `rules`; palettes are expanded, CMYK becomes RGB. `fit` is the expected size.
 ///
 /// # Errors
-/// [`ImageFileError`].
+/// [`ImageFileError`] if the file is damaged or of an unsupported format, or needs a rule that `rules` leaves open.
 pub fn read(
     bytes: &[u8],
     rules: &PictureRules,
@@ -245,7 +246,7 @@ fn decode(
 /// Like [`read`], but converts to 8-bit RGB: grey is replicated; 16 bits become 8 by v / 257, rounded.
 ///
 /// # Errors
-/// [`ImageFileError`].
+/// As for [`read`].
 pub fn read_rgb8(
     bytes: &[u8],
     rules: &PictureRules,
@@ -257,7 +258,7 @@ pub fn read_rgb8(
 /// Checks that a file is complete, without decoding it (except TIFF, whose pixels can be anywhere in the file).
 ///
 /// # Errors
-/// [`ImageFileError`].
+/// [`ImageFileError`] if the file is truncated or of an unsupported format.
 pub fn check_complete(bytes: &[u8]) -> Result<(), ImageFileError> {
     let format = format::of(bytes)?;
     if format == ImageFormat::Tiff {

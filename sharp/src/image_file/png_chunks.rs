@@ -67,7 +67,7 @@ pub(super) fn against_srgb(chunks: &BTreeMap<[u8; 4], Vec<u8>>) -> Option<String
     (!both.is_empty()).then(|| both.join(" and "))
 }
 
-/// The chunks before the pixels by name, at most 32 bytes of each. The file is rewound to its start.
+/// The chunks before the pixels, keyed by name; at most 32 bytes of each. The file is rewound to its start.
 ///
 /// # Errors
 /// Any error of the reader. If the file ends early, the chunks before the end are returned.

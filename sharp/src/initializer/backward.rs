@@ -8,11 +8,12 @@ use crate::render::narrow;
 /// Gradient of a loss with respect to the depth-dependent parts of [`BaseGaussians`](super::BaseGaussians).
 #[derive(Debug, Clone, PartialEq)]
 pub struct BaseGradient {
-    /// With respect to the pooled inverse depth, `[layers, rows, columns]`, not counting its effect on the scales.
+    /// Gradient with respect to the pooled inverse depth, `[layers, rows, columns]`, not counting its effect on the
+    /// scales.
     pub inverse_depth: Vec<f32>,
-    /// With respect to the base scales, `[layers, rows, columns]`.
+    /// Gradient with respect to the base scales, `[layers, rows, columns]`.
     pub scales: Vec<f32>,
-    /// With respect to the metres per normalised unit.
+    /// Gradient with respect to the metres per normalised unit.
     pub global_scale: f64,
 }
 
@@ -28,7 +29,8 @@ pub struct BaseGradient {
 /// copies of each other.) The gradient is zero for invalid depth.
 ///
 /// # Errors
-/// [`InitializerError::Grid`], [`InitializerError::Length`].
+/// [`InitializerError::Grid`] for an empty or indivisible grid; [`InitializerError::Length`] if an input does not fill
+/// the grid.
 pub fn backward(
     depth: &[f32],
     normalized: &NormalizedDepth,

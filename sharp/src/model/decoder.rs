@@ -84,7 +84,7 @@ impl FusionBlock {
 
 /// The decoder; there is one for depth and one for Gaussians.
 pub(super) struct MultiresConvDecoder {
-    /// Finest first.
+    /// Levels of the decoder, finest first.
     levels: Vec<Arc<Level>>,
     recompute: Option<Recompute>,
 }

@@ -18,7 +18,7 @@ use super::monodepth::Monodepth;
 use super::observer::Silent;
 use super::ops::{gather, to_planes};
 use super::params::{Parameter, Params, WeightSource, Weights};
-use super::predictor::{DISPARITY, Planes, check_input};
+use super::predictor::{MAX_DISPARITY, MIN_DISPARITY, Planes, check_input};
 use super::pyramid::quarter_size;
 use super::vit::{Affine, Vit};
 use super::{Compute, ModelConfig, ModelError, NetworkSpec};
@@ -86,7 +86,7 @@ impl DepthProSource {
     /// Checks the file like [`CheckpointSource::check`].
     ///
     /// # Errors
-    /// [`ModelError::Config`], [`ModelError::Incomplete`].
+    /// As for [`CheckpointSource::check`].
     pub fn check(&self, config: &ModelConfig, allow_unused: &[String]) -> Result<(), ModelError> {
         self.0
             .check_for(parameters(config, self.has_fov())?, allow_unused)
@@ -207,7 +207,7 @@ impl DepthPro {
         }
         let mut depth = bilinear_half_pixel(&inverse, (side, side), size);
         for value in &mut depth {
-            *value = 1.0 / value.clamp(DISPARITY.0, DISPARITY.1);
+            *value = 1.0 / value.clamp(MIN_DISPARITY, MAX_DISPARITY);
         }
         match depth.iter().any(|z| z.is_nan()) {
             true => Err(ModelError::Image(

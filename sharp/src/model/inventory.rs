@@ -40,12 +40,12 @@ impl CheckpointSource {
     /// (`module.`, `_orig_mod.`, `model.`) are removed.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`]; [`ModelError::File`] if names have different prefixes.
+    /// [`ModelError::Checkpoint`] if the file cannot be read; [`ModelError::File`] if names have different prefixes.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         Self::open_with(path, &inventory(&ModelConfig::release())?)
     }
 
-    /// Like [`Self::open`], for a network with parameters of these names; their shapes are ignored.
+    /// Like [`Self::open`], for a network with the names in `parameters`; their shapes are ignored.
     pub(super) fn open_with(path: &Path, parameters: &[Parameter]) -> Result<Self, ModelError> {
         let roots = parameters.iter().filter_map(|p| p.name.split('.').next());
         // The first components of names are the same for all sizes.
@@ -56,7 +56,7 @@ impl CheckpointSource {
             ModelError::File {
                 path: path.to_owned(),
                 reason: format!(
-                    "its names have several prefixes ({}): save the tensors of only one network",
+                    "its names have several prefixes ({}); save the tensors of only one network",
                     prefixes.collect::<Vec<_>>().join(", ")
                 ),
             }
@@ -77,7 +77,7 @@ impl CheckpointSource {
     /// SHA-256 of the whole file, 64 hexadecimal digits.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`].
+    /// [`ModelError::Checkpoint`] if the file cannot be read.
     pub fn sha256(&self) -> Result<String, ModelError> {
         Ok(self.file.sha256()?)
     }
@@ -95,7 +95,8 @@ impl CheckpointSource {
             && stride != config.gaussian_stride
         {
             return Err(ModelError::Config(format!(
-                "`{}`: Gaussian stride {}, but the weights in {} have stride {stride}: set `gaussian_stride`",
+                "`{}` has Gaussian stride {}, but the weights in {} have stride {stride}; set `gaussian_stride` to \
+                 {stride}",
                 config.preset,
                 config.gaussian_stride,
                 self.file.path().display()
@@ -106,8 +107,8 @@ impl CheckpointSource {
             && found != layers
         {
             return Err(ModelError::Config(format!(
-                "`{}`: the alignment network receives {layers} depth layers, but {found} with the weights in {}: set \
-                 `alignment_input`",
+                "the alignment network of `{}` receives {layers} depth layers, but the weights in {} expect \
+                 {found}; set `alignment_input` to match",
                 config.preset,
                 self.file.path().display()
             )));
@@ -119,7 +120,7 @@ impl CheckpointSource {
     /// ignored.
     ///
     /// # Errors
-    /// [`ModelError::Config`], [`ModelError::Incomplete`].
+    /// [`ModelError::Config`] for an impossible configuration; [`ModelError::Incomplete`] with all differences.
     pub fn check_part(&self, config: &ModelConfig, prefix: &str) -> Result<(), ModelError> {
         let mut parameters = inventory(config)?;
         parameters.retain(|p| p.name.starts_with(prefix));
@@ -130,7 +131,7 @@ impl CheckpointSource {
     /// equal in several layers; `None` if there are none. Layers that are zero before training do not count.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`].
+    /// [`ModelError::Checkpoint`] if the file cannot be read.
     pub fn implausible_weights(&self) -> Result<Option<String>, ModelError> {
         let (mut count, mut first) = (0, None);
         let (mut known, mut repeated) = (BTreeMap::new(), Vec::new());
@@ -153,7 +154,7 @@ impl CheckpointSource {
             // Layers of one kind have the same name apart from their numbers.
             let is_number = |part: &&str| part.parse::<usize>().is_ok();
             let kind: Vec<&str> = name.split('.').filter(|part| !is_number(part)).collect();
-            let sample = values.iter().step_by((values.len() / SAMPLED).max(1));
+            let sample = values.iter().step_by((values.len() / MIN_COMPARED).max(1));
             let sample: Vec<u32> = sample.map(|value| value.to_bits()).collect();
             if sample.iter().any(|value| *value != sample[0]) {
                 let other = *known.entry((kind, sample)).or_insert(name);
@@ -164,15 +165,16 @@ impl CheckpointSource {
         }
         let repeated = repeated.first().map(|(name, other)| {
             format!(
-                "{} of its weight tensors are equal to those of another layer (first {name} to {other}), which training \
-                 does not produce: were the tensors of one layer written in place of others'? Convert it again",
+                "{} of its weight tensors are equal to those of another layer (first {name} to {other}), which \
+                 training does not produce; perhaps the tensors of one layer were written in place of others'; \
+                 convert the file again",
                 repeated.len()
             )
         });
         let zeros = first.map(|(name, share)| {
             format!(
-                "{count} of its weight tensors end in zeros (first {name}, of which {:.0} % are missing), which training \
-                 does not produce: the file was probably written or copied only in part; get it again",
+                "{count} of its weight tensors end in zeros (first {name}, of which {:.0} % are missing), which \
+                 training does not produce; the file was probably written or copied only in part, so get it again",
                 100.0 * share
             )
         });
@@ -216,9 +218,9 @@ impl CheckpointSource {
 
 /// Parts of names of layers that are zero before training.
 pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_estimator.conv_out."];
-/// Minimum number of values by which larger tensors are compared.
-const SAMPLED: usize = 256;
-/// Minimum share of zeros at the end of a tensor that are taken for missing values.
+/// Tensors are compared by at least this number of values; smaller ones by all of their values.
+const MIN_COMPARED: usize = 256;
+/// Zeros at the end of a tensor count as missing values if they are at least this share of it.
 const MIN_ZERO_TAIL: f64 = 0.1;
 
 const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";

@@ -51,7 +51,7 @@ impl NetworkSpec {
     /// Computes the identity. Hashes the whole checkpoint, which takes seconds for the release's.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`], [`ModelError::Device`].
+    /// [`ModelError::Checkpoint`] if the file cannot be read; [`ModelError::Device`] if the device is not available.
     pub fn identity(&self) -> Result<NetworkIdentity, ModelError> {
         Ok(NetworkIdentity {
             engine: self.device.open(self.convolution)?.name(),

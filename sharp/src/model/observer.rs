@@ -46,9 +46,6 @@ impl<'a> StageValue<'a> {
     }
 
     /// Dimensions, in PyTorch's order.
-    ///
-    /// # Errors
-    /// [`ModelError::Tensor`].
     pub fn shape(&self) -> Result<Vec<usize>, ModelError> {
         Ok(match self.0 {
             StageData::Host(shape, _) => shape.to_vec(),
@@ -68,7 +65,7 @@ impl<'a> StageValue<'a> {
     /// Elements in C order.
     ///
     /// # Errors
-    /// [`ModelError::Tensor`].
+    /// [`ModelError::Tensor`] if the tensor cannot be copied from its device.
     pub fn to_vec(&self) -> Result<Vec<f32>, ModelError> {
         let flat = |tensor: &Tensor| tensor.flatten_all()?.to_vec1();
         Ok(match self.0 {

@@ -51,7 +51,7 @@ impl Parameter {
 pub(super) struct Weights {
     source: Arc<dyn WeightSource>,
     trains: Arc<dyn Fn(&str) -> bool + Send + Sync>,
-    /// Cached tensors by name: variables, and on a GPU all tensors.
+    /// Cached tensors, keyed by name: variables, and on a GPU all tensors.
     held: Arc<Mutex<BTreeMap<String, Tensor>>>,
 }
 
@@ -68,7 +68,7 @@ impl Weights {
         }
     }
 
-    /// Variables that layers have requested, by name.
+    /// Variables that layers have requested, keyed by name.
     pub(super) fn variables(&self) -> BTreeMap<String, Tensor> {
         let held = self.held().clone().into_iter();
         held.filter(|(_, tensor)| tensor.is_variable()).collect()

@@ -39,8 +39,8 @@ pub fn planes_of<T: Copy>(rgb: &[T], value: impl Fn(T) -> f32) -> Vec<f32> {
 /// The network's outputs for an image.
 #[derive(Debug, Clone)]
 pub struct NetworkOutput {
-    /// Gaussians by layer, then row by row, in normalised space: x/z and y/z over [−1, 1] across the image, z in
-    /// metres.
+    /// Gaussians, sorted by layer, then row by row, in normalised space: x/z and y/z over [−1, 1] across the image, z
+    /// in metres.
     pub gaussians: Gaussians,
     /// Depth layers `[2, R, R]` in metres.
     pub depth: Vec<f32>,
@@ -62,14 +62,16 @@ pub struct Predictor {
     compute: Compute,
 }
 
-/// Range to which disparity is clamped before conversion to depth.
-pub(super) const DISPARITY: (f32, f32) = (1e-4, 1e4);
+/// Smaller disparities are raised to this before conversion to depth.
+pub(super) const MIN_DISPARITY: f32 = 1e-4;
+/// Larger disparities are lowered to this before conversion to depth.
+pub(super) const MAX_DISPARITY: f32 = 1e4;
 
 impl Predictor {
     /// Builds the network with any source of weights.
     ///
     /// # Errors
-    /// [`ModelError::Config`].
+    /// [`ModelError::Config`] for an impossible configuration.
     pub fn from_source(
         config: &ModelConfig,
         source: impl WeightSource + 'static,
@@ -130,7 +132,8 @@ impl Predictor {
     ///
     /// # Errors
     /// [`ModelError::Image`] for an image of the wrong size, non-finite values or a factor that is not positive;
-    /// [`ModelError::Depth`] if the network's depth is not finite; [`ModelError::NotFinite`]; [`ModelError::Tensor`]; any error of the observer.
+    /// [`ModelError::Depth`] if the network's depth is not finite; [`ModelError::NotFinite`] if Gaussians are not
+    /// finite; [`ModelError::Tensor`] if the device fails; any error of the observer.
     pub fn predict(
         &self,
         image: Planes<'_>,
@@ -212,7 +215,7 @@ impl Predictor {
     /// `[R, R]`.
     ///
     /// # Errors
-    /// [`ModelError::Image`] for other sizes; [`ModelError::Tensor`].
+    /// [`ModelError::Image`] for other sizes; [`ModelError::Tensor`] if the device fails.
     pub fn alignment_map(&self, predicted: &[f32], known: &[f32]) -> Result<Vec<f32>, ModelError> {
         let pixels = self.config.grid().pixels();
         if [predicted.len(), known.len()] != [LAYERS * pixels, pixels] {
@@ -264,7 +267,7 @@ pub(super) fn check_input(image: Planes<'_>, disparity_factor: f32) -> Result<()
 
 /// `factor / clamp(disparity)` in metres. NaN is preserved.
 pub(super) fn metric_depth(disparity: f32, factor: f32) -> f32 {
-    factor / disparity.clamp(DISPARITY.0, DISPARITY.1)
+    factor / disparity.clamp(MIN_DISPARITY, MAX_DISPARITY)
 }
 
 /// Passes base Gaussians to the observer, in the shapes of the recordings.

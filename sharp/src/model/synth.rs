@@ -14,7 +14,7 @@ use super::{ModelConfig, ModelError};
 /// Derives every parameter from its name, see [`sharp_checkpoint::deterministic`].
 #[derive(Debug, Clone, Default)]
 pub struct Synth {
-    /// Prepended to every name.
+    /// Text that is prepended to every name.
     pub salt: String,
 }
 
@@ -28,7 +28,7 @@ impl WeightSource for Synth {
 /// time.
 ///
 /// # Errors
-/// [`ModelError::Config`]; [`ModelError::Checkpoint`] if `path` cannot be written.
+/// [`ModelError::Config`] for an impossible configuration; [`ModelError::Checkpoint`] if `path` cannot be written.
 pub fn write(config: &ModelConfig, salt: &str, path: &Path) -> Result<(), ModelError> {
     let tensors: Vec<OutTensor> = inventory(config)?
         .into_iter()

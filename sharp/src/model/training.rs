@@ -15,7 +15,7 @@ use super::network::SharpNetwork;
 use super::observer::Silent;
 use super::ops::{Recompute, from_planes, pull, to_planes};
 use super::params::{Parameter, Params, WeightSource, Weights};
-use super::predictor::{DISPARITY, Planes, check_input, metric_depth};
+use super::predictor::{MAX_DISPARITY, MIN_DISPARITY, Planes, check_input, metric_depth};
 use super::{Compute, ModelConfig, ModelError};
 use crate::composer::{self, compose};
 use crate::gaussians::Gaussians;
@@ -41,9 +41,9 @@ pub struct TrainingInput<'a> {
     /// predicted depth; without it the factors are 1. It is infinite in the sky. At pixels where it
     /// is 0 (unknown), the network receives the first predicted layer instead.
     pub known_depth: Option<&'a [f32]>,
-    /// If true, disparity at or below its lower bound still passes gradients that would raise it.
-    /// If false, a randomly initialised network may drop to the bound everywhere and never recover.
-    /// The release has a clamp for this purpose but does not use it.
+    /// If true, disparity below its lower bound still passes gradients that would raise it; at the bound, gradients
+    /// always pass. If false, a randomly initialised network may drop to the bound everywhere and never recover. The
+    /// release has a clamp for this purpose but does not use it.
     pub zeros_return: bool,
     /// Skips the refinement of Gaussians, for losses that depend on depth alone: deltas are 0.
     pub depth_only: bool,
@@ -92,16 +92,16 @@ struct DeltasGraph {
 /// Gradient of a loss with respect to the outputs of a [`TrainingPass`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct PassGradient {
-    /// With respect to [`TrainingPass::gaussians`], in their order.
+    /// Gradient with respect to [`TrainingPass::gaussians`], in their order.
     pub gaussians: Vec<GaussianGradient>,
-    /// With respect to the inverse depth of [`TrainingPass::base`], `[2, rows, columns]`, not counting its effect
-    /// through the Gaussians.
+    /// Gradient with respect to the inverse depth of [`TrainingPass::base`], `[2, rows, columns]`, not counting its
+    /// effect through the Gaussians.
     pub inverse_depth: Vec<f32>,
-    /// With respect to [`TrainingPass::depth`], `[2, R, R]`, not counting its effect through other outputs.
+    /// Gradient with respect to [`TrainingPass::depth`], `[2, R, R]`, not counting its effect through other outputs.
     pub depth: Vec<f32>,
-    /// With respect to [`TrainingPass::factors`], `[R, R]`, not counting their effect through other outputs.
+    /// Gradient with respect to [`TrainingPass::factors`], `[R, R]`, not counting their effect through other outputs.
     pub factors: Vec<f32>,
-    /// With respect to [`TrainingPass::deltas`], not counting their effect through other outputs.
+    /// Gradient with respect to [`TrainingPass::deltas`], not counting their effect through other outputs.
     pub deltas: Vec<f32>,
 }
 
@@ -109,7 +109,7 @@ impl TrainableNetwork {
     /// Creates a network for passes on `compute`.
     ///
     /// # Errors
-    /// [`ModelError::Config`].
+    /// [`ModelError::Config`] for an impossible configuration.
     pub fn new(config: &ModelConfig, compute: Compute) -> Result<Self, ModelError> {
         Ok(Self {
             config: config.clone(),
@@ -279,11 +279,11 @@ impl TrainingPass {
         }
     }
 
-    /// Gradients of the trainable parameters, by name, in PyTorch's layout. Parameters that no output depends on are
-    /// omitted.
+    /// Gradients of the trainable parameters in PyTorch's layout, keyed by name. Parameters that no output depends on
+    /// are omitted.
     ///
     /// # Errors
-    /// [`ModelError::Image`] if a part of `upstream` has the wrong size; [`ModelError::Tensor`].
+    /// [`ModelError::Image`] if a part of `upstream` has the wrong size; [`ModelError::Tensor`] if the device fails.
     pub fn backward(
         self,
         upstream: &PassGradient,
@@ -378,11 +378,11 @@ impl TrainingPass {
             }
         }
         let disparity = self.monodepth.disparity;
-        let inside = DISPARITY.0..=DISPARITY.1;
+        let inside = MIN_DISPARITY..=MAX_DISPARITY;
         for (g, disparity) in predicted.iter_mut().zip(&to_planes(&disparity)?) {
-            let clamped = disparity.clamp(DISPARITY.0, DISPARITY.1);
+            let clamped = disparity.clamp(MIN_DISPARITY, MAX_DISPARITY);
             let slope = -*g * self.disparity_factor / (clamped * clamped);
-            let returns = self.zeros_return && *disparity < DISPARITY.0 && slope < 0.0;
+            let returns = self.zeros_return && *disparity < MIN_DISPARITY && slope < 0.0;
             *g = if inside.contains(disparity) || returns {
                 slope
             } else {

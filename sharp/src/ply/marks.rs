@@ -94,7 +94,7 @@ impl FileMarks {
     /// also rejects files made for another.
     ///
     /// # Errors
-    /// [`PlyReason::OtherRule`].
+    /// [`PlyReason::OtherRule`] names the program that the file was made for.
     pub(crate) fn check_rule(&self, given: &StoredForm) -> Result<(), PlyReason> {
         let is_sharp = !given.takes_other_rules();
         let rule = match () {
@@ -105,7 +105,7 @@ impl FileMarks {
                 "an antialiased rasteriser (SplatRenderMode: mip), whose compensated low-pass filter SHARP's rule lacks"
             }
             () if is_sharp && self.has_filter_3d => {
-                "Mip-Splatting (property filter_3D), whose filter must be folded into scales and opacities: export \
+                "Mip-Splatting (property filter_3D), whose filter must be folded into scales and opacities; export \
                  it with save_fused_ply"
             }
             () => return Ok(()),
@@ -125,6 +125,6 @@ pub(super) fn other_form(vertex: &Element) -> Option<&'static str> {
     }
     let has_rgb = ["red", "green", "blue"].iter().all(|name| has(name));
     (has_rgb && has("opacity") && !has("f_dc_0")).then_some(
-        "colours are in red, green, blue instead of f_dc_0, f_dc_1, f_dc_2: `colors=rgb255` reads them",
+        "colours are in red, green, blue instead of f_dc_0, f_dc_1, f_dc_2; `colors=rgb255` reads them",
     )
 }

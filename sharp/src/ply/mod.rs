@@ -49,8 +49,8 @@ const VERTEX: [&str; 14] = [
 /// Gaussians and the other contents of their file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianScene {
-    /// In the space of the file; for SHARP, that is camera space in metres. Colours are in the reading's blending
-    /// colour space; harmonics are only kept if that is sRGB.
+    /// The Gaussians in the space of the file; for SHARP, that is camera space in metres. Colours are in the reading's
+    /// blending colour space; harmonics are only kept if that is sRGB.
     pub gaussians: Gaussians,
     /// Camera from which the scene was predicted, if stored in the file.
     pub intrinsics: Option<Intrinsics>,
@@ -152,7 +152,7 @@ pub enum PlyReason {
     Camera(#[from] CameraError),
     /// The file does not state its colour encoding; the wrong choice would distort colours.
     #[error(
-        "the file does not say whether its colours are linear or sRGB-encoded: set color_space=linear, as the SHARP \
+        "the file does not say whether its colours are linear or sRGB-encoded; set color_space=linear, as the SHARP \
          release assumes, or color_space=srgb, as 3D Gaussian Splatting trains them"
     )]
     ColorSpaceUnknown,
@@ -170,14 +170,14 @@ pub enum PlyReason {
     /// The vertices are Gaussians in an unsupported form.
     #[error("{0}")]
     OtherForm(&'static str),
-    #[error("{0} properties f_rest_*: they must be numbered from 0 to 8, 23, 44 or 71")]
+    #[error("it has {0} properties f_rest_*, but they must be numbered from 0 to 8, 23, 44 or 71")]
     Degree(usize),
     #[error(
         "colours depend on the view ({0} coefficients f_rest_*), which `harmonics=refuse` does not allow"
     )]
     ViewDependent(usize),
     #[error(
-        "colours depend on the view and are linear, which no rendering rule supports: `harmonics=drop` draws the \
+        "colours depend on the view and are linear, which no rendering rule supports; `harmonics=drop` draws the \
          constant term only"
     )]
     LinearHarmonics,
@@ -185,13 +185,13 @@ pub enum PlyReason {
     #[error("made for {0}; `marks=ignore` renders it like any other file")]
     OtherRule(String),
     #[error(
-        "exported by nerfstudio without f_rest_*, so f_dc_* are logits of colours: use `colors=logit`, or \
+        "exported by nerfstudio without f_rest_*, so f_dc_* are logits of colours; use `colors=logit`, or \
          `colors=dc` to read them as coefficients"
     )]
     LogitColors,
     #[error(
-        "{surplus} bytes follow the last row, {each} for each of {count}: the rows are longer than the header says \
-         and were misread; write the file again with all properties declared"
+        "{surplus} bytes follow the last row, {each} for each of {count}, so the rows are longer than the header \
+         says and were misread; write the file again with all properties declared"
     )]
     LongerRows {
         surplus: usize,

@@ -111,8 +111,9 @@ fn fold_filter(gaussians: &mut Gaussians, filter: &[f32]) {
 /// encoding for files that do not state it.
 ///
 /// # Errors
-/// [`PlyReason`]; [`PlyReason::ColorSpaceUnknown`] if neither the file nor `given` states the encoding;
-/// [`PlyReason::OtherForm`] and [`PlyReason::OtherRule`] for files whose numbers would be misinterpreted.
+/// [`PlyReason`] for a malformed or incomplete file; [`PlyReason::ColorSpaceUnknown`] if neither the file nor `given`
+/// states the encoding; [`PlyReason::OtherForm`] and [`PlyReason::OtherRule`] for files whose numbers would be
+/// misinterpreted.
 pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<GaussianScene, PlyReason> {
     let given: StoredForm = given.into();
     let (header, mut body) = Header::parse(bytes)?;
@@ -151,8 +152,8 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<Gaussian
             return Err(rows);
         }
         let text = format!(
-            "{} bytes follow the last row announced by its header: does the header belong to another file, or were \
-             two files joined?",
+            "{} bytes follow the last row announced by its header; perhaps the header belongs to another file, or \
+             two files were joined",
             rest.len()
         );
         doubts.push(Suspicion::new("trailing bytes", text));
@@ -171,7 +172,7 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<Gaussian
 /// Rejects stored values that are impossible in an explicitly requested encoding.
 ///
 /// # Errors
-/// [`PlyReason::Impossible`].
+/// [`PlyReason::Impossible`] names the first such value and the encoding that allows it.
 pub fn check_stored(stored: &Gaussians, reading: &StoredForm) -> Result<(), PlyReason> {
     let impossible = |what, value: f32, advice| PlyReason::Impossible {
         what,
@@ -321,7 +322,7 @@ fn rest_columns(element: &Element, blending: ColorSpace) -> Result<Vec<usize>, P
     Ok(numbered.into_iter().map(|(_, column)| column).collect())
 }
 
-/// Degree of the spherical harmonics with this many coefficients beyond the constant ones.
+/// Degree of the spherical harmonics that have `coefficients` coefficients besides the constant ones.
 pub(crate) fn degree_of(coefficients: usize) -> Option<usize> {
     (0..=crate::gaussians::Harmonics::MAX_DEGREE)
         .find(|degree| 3 * ((degree + 1).pow(2) - 1) == coefficients)

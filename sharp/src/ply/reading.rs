@@ -217,7 +217,7 @@ impl StoredForm {
         Ok(true)
     }
 
-    /// The settings that were given, by key.
+    /// The settings that were given, each with its key.
     pub fn settings(&self) -> Vec<(&'static str, &'static str)> {
         let all = [
             self.color_space.map(ColorSpace::name),

@@ -13,7 +13,7 @@ use crate::random::mix;
 
 /// Files with fewer Gaussians are not judged.
 const MIN_GAUSSIANS: usize = 20;
-/// Minimum share of the different Gaussians that occur more than once.
+/// Repetitions are reported if at least this share of the different Gaussians occurs more than once.
 const MIN_REPEATED: f64 = 0.05;
 
 /// A doubt about the encoding of a file.
@@ -57,8 +57,7 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
                 "opacity=linear",
                 format!(
                     "its opacities may have been stored without the logit (all stored values are \
-                     in {:.3}..{:.3}, so every opacity is in {:.3}..{:.3}; only a photograph can \
-                     decide): `opacity=linear` reads them that way",
+                     in {:.3}..{:.3}, so every opacity is in {:.3}..{:.3}; only a photograph can decide); `opacity=linear` reads them that way",
                     opacities.least,
                     opacities.most,
                     logistic(opacities.least),
@@ -70,7 +69,7 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
                 "opacity=log",
                 format!(
                     "its opacities may have been stored as logarithms (all stored values are in {:.3}..{:.3}, so as \
-                     logits none would exceed {:.3}; only a photograph can decide): `opacity=log` reads them that way",
+                     logits none would exceed {:.3}; only a photograph can decide); `opacity=log` reads them that way",
                     opacities.least,
                     opacities.most,
                     logistic(opacities.most)
@@ -91,8 +90,7 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             "scales=linear",
             format!(
                 "its scales do not look like logarithms (none is negative; as logarithms, half of \
-                 the standard deviations would exceed {:.3} in a scene {extent:.1} across): \
-                 `scales=linear` reads them without exponentiation",
+                 the standard deviations would exceed {:.3} in a scene {extent:.1} across); `scales=linear` reads them without exponentiation",
                 scales.median.exp()
             ),
         ));
@@ -104,8 +102,7 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
                 "colors=rgb01",
                 format!(
                     "its colours may be 0..1 instead of coefficients (all stored values are in \
-                     {:.3}..{:.3}, as in a pastel scene; only a photograph can decide): \
-                     `colors=rgb01` reads them that way",
+                     {:.3}..{:.3}, as in a pastel scene; only a photograph can decide); `colors=rgb01` reads them that way",
                     colors.least, colors.most
                 ),
             ));
@@ -114,7 +111,7 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
                 "colors=rgb-signed",
                 format!(
                     "its colours may be −1..1 instead of coefficients (all stored values are in {:.3}..{:.3} and fill \
-                     that range; only a photograph can decide): `colors=rgb-signed` reads them that way",
+                     that range; only a photograph can decide); `colors=rgb-signed` reads them that way",
                     colors.least, colors.most
                 ),
             ));
@@ -135,7 +132,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
     {
         found.push(Suspicion::new(
             StoredQuaternions::KEY,
-            "its rotations seem to be missing: every quaternion is (0, 0, 0, 1), the identity in the order x, y, z, \
+            "its rotations seem to be missing, because every quaternion is (0, 0, 0, 1), the identity in the order \
+             x, y, z, \
              w; fix the program that wrote it, or read that order with `quaternions=xyzw`",
         ));
     }
@@ -169,8 +167,8 @@ fn repetition(stored: &Gaussians, finite: &[usize]) -> Option<Suspicion> {
     (repeated >= MIN_GAUSSIANS && repeated as f64 >= MIN_REPEATED * different as f64).then(|| {
         let share = 100.0 * (1.0 - different as f64 / finite.len() as f64);
         let text = format!(
-            "{share:.0} % of its Gaussians repeat another one exactly, which makes them more opaque: was the file \
-             appended to when it was written again?"
+            "{share:.0} % of its Gaussians repeat another one exactly, which makes them more opaque; perhaps the \
+             file was appended to when it was written again"
         );
         Suspicion::new("repetition", text)
     })
@@ -217,7 +215,7 @@ impl Range {
         let Self { least, most, .. } = self;
         (*least >= 0.0 && *most > 20.0).then(|| {
             let text = format!(
-                "its {what} look like 0..255 (stored values {least}..{most}): `{about}` reads them \
+                "its {what} look like 0..255 (stored values {least}..{most}); `{about}` reads them \
                  that way"
             );
             Suspicion::new(about, text)

@@ -88,7 +88,7 @@ impl Element {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
     pub encoding: Encoding,
-    /// In the order in which their rows are stored.
+    /// Elements, in the order in which their rows are stored.
     pub elements: Vec<Element>,
     /// `comment` and `obj_info` lines without their keyword.
     pub comments: Vec<String>,
@@ -101,7 +101,7 @@ pub enum TableError {
     NotPly,
     #[error("header line {line}: {what}")]
     Header {
-        /// Counted from 1.
+        /// Number of the line, counted from 1.
         line: usize,
         what: String,
     },
@@ -110,9 +110,9 @@ pub enum TableError {
     #[error("element `{element}`, row {row}: `{word}` is not a number")]
     NotANumber {
         element: String,
-        /// Counted from 0.
+        /// Index of the row, counted from 0.
         row: usize,
-        /// At most 40 bytes.
+        /// The word that is not a number, at most 40 bytes of it.
         word: String,
     },
 }
@@ -124,7 +124,8 @@ impl Header {
     /// Parses the header of a file and returns the rest as the body.
     ///
     /// # Errors
-    /// [`TableError::NotPly`]; [`TableError::Header`], also for a header of more than 64 KiB.
+    /// [`TableError::NotPly`] if the file does not begin like a PLY; [`TableError::Header`] for a malformed header or
+    /// one of more than 64 KiB.
     pub fn parse(bytes: &[u8]) -> Result<(Self, Body<'_>), TableError> {
         let searched = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
         let mut encoding = None;
@@ -170,7 +171,8 @@ impl Header {
                 ["comment" | "obj_info", ..] => comments.push(words[1..].join(" ")),
                 ["element", name, _] if elements.iter().any(|e| e.name == name) => {
                     return Err(line_error(format!(
-                        "a second element `{name}`: element names must be unique; were two files joined?"
+                        "a second element `{name}`, although element names must be unique; perhaps two files were \
+                         joined"
                     )));
                 }
                 ["element", name, count] => elements.push(Element {
@@ -213,7 +215,7 @@ fn property(words: &[&str]) -> Option<Property> {
 /// Describes a line of a property whose type is unknown.
 fn unread(line: &str) -> String {
     format!(
-        "{}: PLY has integers, float and double; convert it to float",
+        "{} is no type of PLY, which has integers, float and double; convert it to float",
         unknown(line)
     )
 }

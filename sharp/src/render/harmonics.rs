@@ -12,7 +12,7 @@ use crate::ply::ColorSpace;
 pub(super) struct ViewColors {
     /// Camera centre in the coordinate system of the means.
     pub(super) eye: [f64; 3],
-    /// Degree to evaluate; at most the scene's.
+    /// Degree to evaluate; at most the degree of the scene.
     pub(super) degree: usize,
 }
 

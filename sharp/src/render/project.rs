@@ -77,9 +77,11 @@ pub(super) const ALPHA_MIN: f32 = 1.0 / 255.0;
 const MAX_EXTENT: f64 = 3.33;
 /// Side of the tiles that bound the support, in pixels.
 const SUPPORT_TILE: f64 = 16.0;
-/// Margin of the box, relative and in pixels: more than rounding in `raster` can move the 1/255
-/// contour.
-const BOX_MARGIN: (f64, f64) = (1e-4, 1e-4);
+/// Share by which the box is enlarged. Together with [`BOX_MARGIN_PX`], more than rounding in `raster` can move the
+/// 1/255 contour.
+const RELATIVE_BOX_MARGIN: f64 = 1e-4;
+/// Pixels by which the box is then enlarged on each side.
+const BOX_MARGIN_PX: f64 = 1e-4;
 
 /// Margin of the exponent at which `raster` stops; allows for rounding in `raster` and in `log2`.
 const CUT_MARGIN: f32 = 1e-3;
@@ -394,9 +396,9 @@ fn reach(c: &mut Columns, n: usize) {
         let cut = log2(255.0 * c.opacity[i]);
         c.cut[i] = cut as f32 + CUT_MARGIN;
         let extent = (2.0 * LN_2 * cut.max(0.0)).sqrt();
-        let reach = extent * (1.0 + BOX_MARGIN.0);
-        c.reach[0][i] = a * reach + BOX_MARGIN.1;
-        c.reach[1][i] = d * reach + BOX_MARGIN.1;
+        let reach = extent * (1.0 + RELATIVE_BOX_MARGIN);
+        c.reach[0][i] = a * reach + BOX_MARGIN_PX;
+        c.reach[1][i] = d * reach + BOX_MARGIN_PX;
         let bounded = extent.min(MAX_EXTENT);
         c.radius[0][i] = (a * bounded).ceil();
         c.radius[1][i] = (d * bounded).ceil();

@@ -85,7 +85,10 @@ impl RenderView {
             return bad("camera_from_scene is not finite".to_owned());
         }
         if ![fx, fy, cx, cy].iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
-            return bad(format!("intrinsics fx {fx}, fy {fy}, cx {cx}, cy {cy}"));
+            return bad(format!(
+                "the intrinsics are not finite with a positive focal length: fx {fx}, fy {fy}, cx \
+                                {cx}, cy {cy}"
+            ));
         }
         if let Err(refused) = self.rule.check() {
             return bad(refused.to_string());

@@ -152,7 +152,7 @@ impl TrainingData {
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Intervals {
-    /// 0 to disable.
+    /// Steps between two validations; 0 disables validation.
     pub validation: u64,
     pub checkpoint: u64,
     /// Number of checkpoints kept, newest first.
@@ -243,7 +243,7 @@ impl TrainingConfig {
     /// Reads and validates a file.
     ///
     /// # Errors
-    /// [`ConfigError`].
+    /// [`ConfigError`] if the file cannot be read or parsed, or a value is invalid.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let text = sharp::files::read_text(path).map_err(|source| ConfigError::Read {
             path: path.to_owned(),
@@ -323,7 +323,7 @@ impl TrainingConfig {
             (
                 self.aligned || self.alignment_input != Some(AlignmentInput::BothLayers),
                 "alignment_input",
-                "is \"both_layers\", but nothing is aligned: `aligned` is false",
+                "is \"both_layers\", but nothing is aligned, because `aligned` is false",
             ),
             (
                 betas.iter().all(|beta| (0.0..1.0).contains(beta)),

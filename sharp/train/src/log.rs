@@ -28,7 +28,7 @@ pub struct StepRecord {
     pub terms: [f64; TERMS.len()],
     /// The weighted sum, which training minimises.
     pub total: f64,
-    /// Norm before clipping.
+    /// Norm of the gradient before clipping.
     pub gradient_norm: f64,
     /// Duration of the step.
     pub seconds: f64,
@@ -48,7 +48,8 @@ impl TrainingLog {
     /// are removed.
     ///
     /// # Errors
-    /// [`LogError::Io`]; [`LogError::Other`] if a file is not such a log or ends before `after`.
+    /// [`LogError::Io`] if a file cannot be read or written; [`LogError::Other`] if a file is not such a log or ends
+    /// before `after`.
     pub fn open(folder: &Path, after: Position) -> Result<Self, LogError> {
         let header = format!(
             "stage,step,learning_rate,{},total,gradient_norm\n",
@@ -75,7 +76,7 @@ impl TrainingLog {
     /// Appends validation results for the weights at `position`; they are on disk when this returns.
     ///
     /// # Errors
-    /// [`LogError::Io`].
+    /// [`LogError::Io`] if the file cannot be written.
     pub fn append_validation(
         &mut self,
         Position { stage, step }: Position,
@@ -92,7 +93,7 @@ impl TrainingLog {
     /// Appends a step; it is on disk when this returns. Numbers are written in the shortest form that round-trips.
     ///
     /// # Errors
-    /// [`LogError::Io`].
+    /// [`LogError::Io`] if a file cannot be written.
     pub fn append(&mut self, record: &StepRecord) -> Result<(), LogError> {
         let StepRecord {
             position: Position { stage, step },

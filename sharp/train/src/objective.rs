@@ -60,10 +60,11 @@ pub(crate) struct Objective {
 }
 
 impl Objective {
-    /// Loads the perceptual loss's network on `compute`, if that loss has a weight.
+    /// An objective with these weights and options. Loads the network of the perceptual loss on `compute`, if that loss
+    /// has a weight.
     ///
     /// # Errors
-    /// [`PerceptualError`].
+    /// [`PerceptualError`] if its weights are missing or unreadable.
     pub(crate) fn new(
         weights: LossWeights,
         options: LossOptions,
@@ -102,7 +103,7 @@ impl Objective {
     /// Losses of a pass on the picture of `example.source`.
     ///
     /// # Errors
-    /// [`ObjectiveError`].
+    /// [`ObjectiveError`] if a view cannot be rendered or the perceptual loss cannot be computed.
     pub(crate) fn cost(
         &self,
         pass: &TrainingPass,

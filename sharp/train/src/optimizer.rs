@@ -79,7 +79,7 @@ impl Adam {
     /// Computed in f64 and rounded once, on the threads of the current pool.
     ///
     /// # Errors
-    /// [`OptimizerError`]; nothing was changed then.
+    /// [`OptimizerError`] if the gradients do not match the parameters; nothing is changed then.
     pub fn update(
         &self,
         weights: &mut [ParameterState],

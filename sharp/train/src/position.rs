@@ -14,7 +14,7 @@ pub enum Stage {
 impl Stage {
     pub const ALL: [Self; 2] = [Self::Supervised, Self::SelfSupervised];
 
-    /// 1 or 2.
+    /// Number of the stage, 1 or 2.
     pub fn number(self) -> u64 {
         match self {
             Self::Supervised => 1,

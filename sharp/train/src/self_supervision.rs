@@ -126,7 +126,7 @@ impl Source<Sample> for SelfSupervisedSamples {
         let mut sorted = depth.clone();
         sorted.sort_unstable_by(f32::total_cmp);
         let distance = f64::from(sorted[sorted.len() / 2]);
-        let mut random = draws(self.seed ^ SPREAD, k);
+        let mut random = draws(self.seed ^ CAMERA_SEED, k);
         let PseudoViews {
             part_of_distance,
             part_aside,
@@ -166,7 +166,7 @@ impl Source<Sample> for SelfSupervisedSamples {
 }
 
 /// Separates the random cameras from the random choice of photographs.
-const SPREAD: u64 = 0x5353_4654;
+const CAMERA_SEED: u64 = 0x5353_4654;
 
 /// A point uniformly distributed in a disc of `radius` around the photograph's camera.
 fn eye(random: &mut SplitMix64, radius: f64) -> DVec3 {

@@ -390,7 +390,7 @@ impl Trainer {
     /// Writes the current weights as a checkpoint for [`Predictor`](sharp::model::Predictor).
     ///
     /// # Errors
-    /// [`TrainingError::State`].
+    /// [`TrainingError::State`] if the weights are not finite in `precision` or the file cannot be written.
     pub fn export(&self, path: &Path, precision: Precision) -> Result<(), TrainingError> {
         let about = BTreeMap::from([("trained".to_owned(), self.position().to_string())]);
         Ok(self.state.export(path, precision, &about)?)

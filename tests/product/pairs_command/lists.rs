@@ -76,13 +76,17 @@ fn lists_are_verified_against_files() {
     assert_eq!(json["different"].as_array().unwrap().len(), 1);
     assert_eq!(json["moved"][0]["baseline_m"][1], 0.2);
     let said = verify(&[]).ends_with(4);
-    assert!(said.out.contains("another photograph: M/"), "{}", said.out);
-    assert!(said.out.contains("other cameras: M/"), "{}", said.out);
+    assert!(
+        said.out.contains("different photograph: M/"),
+        "{}",
+        said.out
+    );
+    assert!(said.out.contains("different cameras: M/"), "{}", said.out);
 
     // Missing data is reported, but does not stop the command.
     let other = ["pairs", "verify", "p.csv", "--dataset", SYNTHETIC, "--json"];
     let json = sharp_bench(dir.path(), &other).ends_with(4).json();
-    assert_eq!(json["absent"][0], "dataset 'M' is not given; given: S");
+    assert_eq!(json["absent"][0], "dataset 'M' is not given (given: S)");
 }
 
 #[test]

@@ -133,7 +133,7 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
     std::fs::create_dir(dir.path().join("empty")).unwrap();
     wrong(
         &["--overlap-depth", "empty"],
-        &["no map found for any view of"],
+        &["has no map for any view of"],
     );
     wrong(
         &["--pair-options", "overlap=given"],

@@ -23,7 +23,7 @@ pub struct Comparison {
     pub shift: Option<(f64, f64)>,
     /// The picture compared with the reference.
     pub picture: RgbImage,
-    /// Scores by metric, or the reason why a score is missing.
+    /// For each metric, the score, or the reason why it is missing.
     pub scores: KeyedScores,
 }
 

@@ -93,11 +93,11 @@ fn poses(found: &Consistency) -> String {
     let others = found.otherwise.iter();
     if let Some(best) = others.max_by(|a, b| a.depth.total_cmp(&b.depth)) {
         let share = 100.0 * best.depth;
-        text += &format!("; under other conventions at most {share:.1} %");
+        text += &format!("; under other conventions, at most {share:.1} % agree");
     }
     let others = found.otherwise.iter().filter_map(|fit| fit.colour_levels);
     if let Some(least) = others.min_by(f64::total_cmp) {
-        text += &format!(" and at least {least:.1} levels");
+        text += &format!(" and colours differ by at least {least:.1} levels");
     }
     text
 }

@@ -39,7 +39,7 @@ impl Display for Formats {
             Frame::forms()
         )?;
         f.write_str(
-            "open: the paper does not state the value; proxy: known to differ from the paper; reports mark both",
+            "open: a value that the paper does not state; proxy: a value known to differ from the paper; reports mark both",
         )
     }
 }

@@ -60,8 +60,8 @@ pub(super) fn execute(
     let names: BTreeSet<&str> = list.pairs.iter().map(|p| p.dataset.as_str()).collect();
     if let Some(unused) = specs.keys().find(|name| !names.contains(*name)) {
         anyhow::bail!(
-            "--dataset {unused}: the list has no dataset of that name; it has {}: give the dataset \
-             as NAME:FORMAT=PATH",
+            "--dataset {unused}: the list has no dataset of that name, only {}; give the dataset as \
+             NAME:FORMAT=PATH",
             names.into_iter().collect::<Vec<_>>().join(", ")
         );
     }

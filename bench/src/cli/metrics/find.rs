@@ -34,7 +34,7 @@ impl FromStr for Sought {
 
 impl Sought {
     /// Whether a value prints as this number when rounded or truncated to the same decimals.
-    pub(super) fn is(&self, value: f64) -> bool {
+    pub(super) fn matches(&self, value: f64) -> bool {
         let unit = 10_f64.powi(-self.decimals);
         let agrees = |shown: f64| (shown * unit - self.value).abs() < 1e-3 * unit;
         agrees((value / unit).round()) || agrees((value / unit).trunc())
@@ -52,10 +52,10 @@ mod tests {
     #[test]
     fn numbers_agree_to_the_digits_written() {
         let sought: Sought = "0.652".parse().unwrap();
-        assert!(sought.is(0.6516) && sought.is(0.6524) && sought.is(0.6529));
-        assert!(!sought.is(0.6514) && !sought.is(0.6531));
+        assert!(sought.matches(0.6516) && sought.matches(0.6524) && sought.matches(0.6529));
+        assert!(!sought.matches(0.6514) && !sought.matches(0.6531));
         let sought: Sought = "20".parse().unwrap();
-        assert!(sought.is(20.4) && sought.is(20.9) && !sought.is(19.4));
+        assert!(sought.matches(20.4) && sought.matches(20.9) && !sought.matches(19.4));
         assert!("1e-3".parse::<Sought>().is_err() && "x".parse::<Sought>().is_err());
         assert!("inf".parse::<Sought>().is_err());
     }

@@ -231,8 +231,8 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
     let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
     let inverted = (mean_left < MIN_LEFT).then(|| {
         format!(
-            "--mask: on average only {:.1} % of the pixels are white, which means scored; if white \
-             marks the pixels to exclude, invert the masks",
+            "--mask: on average only {:.1} % of the pixels are white and therefore scored; if white marks \
+             the pixels to exclude, invert the masks",
             100.0 * mean_left
         )
     });

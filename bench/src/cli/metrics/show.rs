@@ -81,7 +81,7 @@ impl ScoredPairs<'_> {
                 .into_iter()
                 .map(|(key, _)| key.to_string());
             let others = self.other_means().into_iter();
-            let others = others.filter(|form| sought.is(form.value));
+            let others = others.filter(|form| sought.matches(form.value));
             results["found"] = found
                 .chain(others.map(|form| form.name.to_owned()))
                 .collect();
@@ -132,11 +132,11 @@ impl ScoredPairs<'_> {
     /// The metrics whose value (or mean over the pairs) prints as the sought number.
     fn found(&self, sought: &Sought) -> Vec<(MetricKey, f64)> {
         self.means()
-            .filter(|(_, value)| sought.is(*value))
+            .filter(|(_, value)| sought.matches(*value))
             .collect()
     }
 
-    /// By variant, the mean over the pairs; only variants that every pair has.
+    /// For each variant, the mean over the pairs; only variants that every pair has.
     fn other_means(&self) -> Vec<OtherForm> {
         let first = self.scored.first().map_or(&[][..], |pair| &pair.others);
         let mean = |form: &OtherForm| {
@@ -208,12 +208,12 @@ impl ScoredPairs<'_> {
             writeln!(f, "{} is {key} ({})", sought.text, number(*value))?;
             writeln!(f, "    {}", MetricInfo::new(*key, &[]).convention)?;
         }
-        for form in others.iter().filter(|form| sought.is(form.value)) {
+        for form in others.iter().filter(|form| sought.matches(form.value)) {
             is_found = true;
             let value = number(form.value);
             writeln!(
                 f,
-                "{} is {} ({value}), which is not among the columns here",
+                "{} is {} ({value}), a variant that was not selected",
                 sought.text, form.name
             )?;
             writeln!(f, "    {}", form.convention)?;

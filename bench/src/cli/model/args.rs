@@ -113,7 +113,7 @@ impl PhotoArgs {
         if path.is_dir() {
             let inside = what_lies_in(path);
             bail!(
-                "{}: a folder, not a photograph: name the pictures in it ({inside})",
+                "{}: a folder, not a photograph; name the pictures in it ({inside})",
                 path.display()
             );
         }

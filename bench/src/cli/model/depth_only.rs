@@ -37,7 +37,7 @@ pub(super) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     let form = of_file.or(args.depth).unwrap_or(DepthForm::Exr);
     ensure!(
         args.depth.is_none_or(|given| given == form),
-        "--out {}: another form than --depth",
+        "--out {}: the file's extension contradicts --depth",
         args.out.display()
     );
     let outputs = match (of_file, form) {

@@ -124,7 +124,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     false => "",
                 };
                 output::remark(format!(
-                    "note: {} {}, {} {}: rendering={}{colors} renders it as before",
+                    "note: {} {}, but {} {}; rendering={}{colors} renders the new file like the old one",
                     ply.display(),
                     says(&made_for),
                     out.display(),
@@ -163,7 +163,7 @@ impl TargetForm {
 fn check_release(scene: &GaussianScene, given: StoredForm) -> Result<(), String> {
     if scene.gaussians.harmonics.degree > 0 {
         return Err(format!(
-            "colours depend on the view ({} coefficients f_rest_*), which would be lost: `--read harmonics=drop` \
+            "colours depend on the view ({} coefficients f_rest_*), which would be lost; `--read harmonics=drop` \
              keeps only the constant term",
             scene.color_coefficients
         ));
@@ -262,8 +262,7 @@ fn describe(scene: &GaussianScene) -> Info {
     }
     if behind > 0.1 {
         implausible.push(format!(
-            "{:.0} % are behind the camera: the axes may be OpenGL's, or the file may not be in \
-             camera space",
+            "{:.0} % are behind the camera; the axes may be OpenGL's, or the file may not be in camera space",
             100.0 * behind
         ));
     }

@@ -239,7 +239,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
             false => format!("; `{settings}` explains most of it"),
         };
         bail!(
-            "{}: differs by more than {tolerance} at the 99th percentile: {}{explained}",
+            "{}: differs by more than {tolerance} at the 99th percentile ({}){explained}",
             path.display(),
             beyond.join(", ")
         );
@@ -326,12 +326,12 @@ fn of_stages(args: &ParityArgs, golden: &Path, image: &Path) -> anyhow::Result<O
     if let Some(stage) = first {
         let note = stage.note.as_ref();
         bail!(
-            "{}: diverges first at stage {}: {:.2e} > {:.1e}{}",
+            "{}: diverges first at stage {}, by {:.2e} (tolerance {:.1e}){}",
             golden.display(),
             stage.stage,
             stage.rel_error,
             tolerance,
-            note.map_or_else(String::new, |note| format!(" ({note})"))
+            note.map_or_else(String::new, |note| format!("; {note}"))
         );
     }
     if !args.json {

@@ -142,7 +142,7 @@ pub(super) fn for_each<R: Serialize>(
     Ok(Outcome::of_problems(failed > 0))
 }
 
-/// One file with this extension per photograph, in `folder`.
+/// One file per photograph, in `folder`, with the given extension.
 pub(super) fn named_after(
     images: &[PathBuf],
     folder: &Path,

@@ -150,7 +150,7 @@ impl Display for Ambiguity {
                 } else if let Some(reason) = row.unavailable.get(dataset) {
                     writeln!(
                         f,
-                        "  {:<18} {change:<28} cannot be opened: {reason}",
+                        "  {:<18} {change:<28} the dataset cannot be opened: {reason}",
                         row.about
                     )?;
                 }
@@ -158,7 +158,7 @@ impl Display for Ambiguity {
         }
         writeln!(
             f,
-            "shared: pairs that the given options select too; choices that do not affect a dataset are omitted",
+            "shared: pairs that the given options also select; choices that do not affect a dataset are omitted",
         )?;
         write!(f, "as given: {}", self.options)
     }

@@ -13,7 +13,7 @@ use crate::io::counts::counted;
 use crate::pairs::PairList;
 use crate::pairs::pair_list::{ListDiff, Verification};
 
-/// Maximum number of printed lines per kind of difference; `--json` prints all.
+/// At most this many lines are printed per kind of difference; `--json` prints all.
 const LINES: usize = 20;
 
 /// Compare two lists: pairs that only one has, and values that differ
@@ -167,14 +167,14 @@ impl Display for VerifiedList<'_> {
         write_some(f, "unreadable", &found.unreadable, |u| {
             format!("{}: {}", u.view, u.reason)
         })?;
-        write_some(f, "another photograph", &found.different, |d| {
+        write_some(f, "different photograph", &found.different, |d| {
             let (dataset, scene, view) = (&d.dataset, &d.scene, &d.view);
             format!(
                 "{dataset}/{scene}/{view}: sha256 {} instead of {}",
                 d.found, d.expected
             )
         })?;
-        write_some(f, "other cameras", &found.moved, |m| {
+        write_some(f, "different cameras", &found.moved, |m| {
             let ([baseline, found_m], [rotation, found_deg]) = (m.baseline_m, m.rotation_deg);
             format!(
                 "{}: baseline {found_m} m instead of {baseline} m, rotation {found_deg}° instead of {rotation}°",

@@ -93,8 +93,11 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let found = list.verify(&scenes);
     if let Some(first) = found.different.first() {
         output::remark(format!(
-            "warning: not the ones that the list was made from: {}, such as {}/{}/{}",
-            counted(found.different.len(), "photograph"),
+            "warning: {} not the ones that the list was made from, such as {}/{}/{}",
+            match found.different.len() {
+                1 => "1 photograph is".to_owned(),
+                n => format!("{n} photographs are"),
+            },
             first.dataset,
             first.scene,
             first.view
@@ -112,7 +115,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     write_atomic(&copy, list.bytes())?;
     if exported.without_depth > 0 {
         output::remark(format!(
-            "warning: {} without depth in the dataset; the files of each pair are listed in its pair.json",
+            "warning: the dataset has no depth for {}; pair.json lists the files of its pair",
             counted(exported.without_depth, "view")
         ));
     }

@@ -90,7 +90,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
                 .map(String::as_str)
                 .collect();
             output::remark(format!(
-                "warning: {} of the list missing from the datasets, such as {}",
+                "warning: the datasets do not have {} of the list, such as {}",
                 counted(imported.absent.len(), "scene"),
                 named.join(", ")
             ));
@@ -127,7 +127,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
 struct ReadList {
     list: String,
     counts: ForeignCounts,
-    /// `None` without datasets.
+    /// Result of the import; `None` without datasets.
     #[serde(flatten)]
     imported: Option<ImportSummary>,
     #[serde(skip)]

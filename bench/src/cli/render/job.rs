@@ -227,15 +227,15 @@ impl Output<'_> {
         match (self.kind, moved) {
             (OutputKind::Picture, Some(n)) if n != 1 => {
                 bail!(
-                    "{out}: a picture can show only one view, but the path has {n}: choose a \
+                    "{out}: a picture can show only one view, but the path has {n}; choose a \
                      folder, .gif or .mp4"
                 )
             }
             (OutputKind::Gif | OutputKind::Mp4, None) => {
-                bail!("{out}: the camera does not move: add --trajectory or --offset-m")
+                bail!("{out}: the camera does not move; add --trajectory or --offset-m")
             }
             (OutputKind::Frames, None) => bail!(
-                "{out}: one view goes to a .png, .exr or .safetensors; a folder of frames needs --trajectory or --offset-m"
+                "{out}: a folder of frames needs --trajectory or --offset-m; a single view needs a .png, .exr or .safetensors"
             ),
             _ => {}
         }
@@ -254,7 +254,7 @@ impl Output<'_> {
         writer::refuse_for_floats(self.path, &options)?;
         ensure!(
             rule.blending == ColorSpace::Linear || !writer::ends_in(self.path, &["exr"]),
-            "{out}: an .exr stores linear light, but {} does not blend in linear light: choose \
+            "{out}: an .exr stores linear light, but {} does not blend in linear light; choose \
              .safetensors or .png",
             rule
         );

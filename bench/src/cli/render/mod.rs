@@ -218,7 +218,9 @@ fn report(args: &RenderArgs, summary: &Summary, last_backend: &str) -> anyhow::R
         ));
     }
     if let Some(reason) = &summary.fallback {
-        output::remark(format!("warning: {reason}: {last_backend} took over"));
+        output::remark(format!(
+            "warning: {last_backend} took over, because {reason}"
+        ));
     }
     output::print(summary, args.json)?;
     Ok(Outcome::Done)

@@ -40,7 +40,7 @@ pub(super) struct FetchArgs {
 pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     let (backbones, releases) = wanted(&args.names)?;
     let Some(cache) = cache_folder() else {
-        bail!("no cache folder: set HOME or SHARP_BENCH_WEIGHTS");
+        bail!("no cache folder; set HOME or SHARP_BENCH_WEIGHTS");
     };
     let mut results = Vec::new();
     for backbone in backbones {
@@ -167,8 +167,7 @@ fn transfer(
     }
     if is_sharp && !args.accept_licence {
         bail!(
-            "nothing was fetched: read the licence above and accept it with --accept-licence; or \
-             {by_hand}"
+            "nothing was fetched; read the licence above and accept it with --accept-licence, or {by_hand}"
         );
     }
     let terminal = Terminal::default();

@@ -92,7 +92,7 @@ impl Display for KnownWeights {
                 ..
             } => {
                 let known = recorded.as_ref().map_or_else(
-                    || "no hash is published: unverified until its first use".to_owned(),
+                    || "no hash is published, so it is unverified until its first use".to_owned(),
                     |record| format!("sha256 {} recorded on {}", record.sha256, record.recorded),
                 );
                 writeln!(

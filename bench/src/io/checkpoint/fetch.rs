@@ -13,7 +13,7 @@ use crate::io::hash::file_sha256;
 pub enum CheckpointFetchError {
     #[error(transparent)]
     Download(#[from] DownloadError),
-    #[error("the file downloaded from {address} is not used and was deleted here: {reason}")]
+    #[error("the file downloaded from {address} was deleted as unusable: {reason}")]
     NotTheNetwork { address: String, reason: String },
     #[error(transparent)]
     Record(#[from] RecordError),

@@ -1,4 +1,4 @@
-//! Networks by name: a file, the bundled network, or the official checkpoint by default.
+//! Networks given by name: a file, the bundled network, or the official checkpoint by default.
 
 use std::path::{Path, PathBuf};
 
@@ -30,8 +30,8 @@ pub enum NetworkError {
     },
     /// The checkpoint is Depth Pro's, but SHARP's is needed.
     #[error(
-        "{}: these are Depth Pro's weights, which predict depth instead of Gaussians; pass them to `predict --depth-only`, \
-         and give SHARP's here",
+        "{}: Depth Pro's weights, which predict depth instead of Gaussians; pass them to `predict --depth-only`, \
+         and give SHARP's weights here",
         checkpoint.display()
     )]
     DepthPro { checkpoint: PathBuf },
@@ -54,7 +54,7 @@ pub enum NetworkError {
     )]
     NotBundled { searched: Vec<PathBuf> },
     #[error(
-        "{}: not the weights that belong to this program: sha256 is {sha256}, expected {}",
+        "{}: not the weights that belong to this program (sha256 {sha256}, expected {})",
         path.display(),
         bundled::weights_sha256()
     )]
@@ -66,7 +66,8 @@ pub enum NetworkError {
 /// `checkpoint`, searches for the official one.
 ///
 /// # Errors
-/// [`NetworkError`].
+/// [`NetworkError`] if no checkpoint is found, the file or its configuration cannot be read, or several configurations
+/// fit.
 pub fn named_network(
     checkpoint: Option<&Path>,
     config: Option<&str>,
@@ -161,7 +162,8 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     })
 }
 
-/// Configurations by `FILE#NAME` in `STEM.json` next to the checkpoint, or if it has none, in all `.json` files there.
+/// Configurations, each with its `FILE#NAME`, in `STEM.json` next to the checkpoint, or if it has none, in all `.json`
+/// files there.
 fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     let own = checkpoint.with_extension("json");
     let of_file = |path: &Path| {
@@ -190,7 +192,7 @@ fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
 /// The file with the bundled network's weights, searched for next to the program and in the program's source tree.
 ///
 /// # Errors
-/// [`NetworkError`].
+/// [`NetworkError`] if there is no such file, or it is not the one that belongs to this program.
 pub fn bundled_weights() -> Result<PathBuf, NetworkError> {
     let folders = own_folders().into_iter();
     let folders = folders.chain([bundled::source_folder().to_owned()]);

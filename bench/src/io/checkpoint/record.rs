@@ -33,10 +33,10 @@ impl std::fmt::Display for Standing {
         match self {
             Self::Unverified(file) => write!(
                 f,
-                "unverified: no hash is published; size and sha256 are recorded in {} from now on",
+                "unverified, because no hash is published; size and sha256 are recorded in {} from now on",
                 file.display()
             ),
-            Self::Matches(day) => write!(f, "matches the one recorded on {day}"),
+            Self::Matches(day) => write!(f, "matches the checkpoint recorded on {day}"),
         }
     }
 }
@@ -136,7 +136,7 @@ mod tests {
         let again = compare_or_record(&checkpoint, "http://a", "aa", &file).unwrap();
         assert_eq!(
             again.to_string(),
-            format!("matches the one recorded on {}", record.recorded)
+            format!("matches the checkpoint recorded on {}", record.recorded)
         );
         for (content, hash) in [(&b"12345"[..], "bb"), (b"1234", "aa")] {
             std::fs::write(&checkpoint, content).unwrap();

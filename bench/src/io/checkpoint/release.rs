@@ -33,13 +33,13 @@ pub fn licence_text() -> String {
 pub const RESNET_ADDRESS: &str = "http://sceneparsing.csail.mit.edu/model/pytorch/ade20k-resnet50dilated-ppm_deepsup/\
                                   encoder_epoch_20.pth";
 
-/// Its name in our cache; the original name, `encoder_epoch_20.pth`, is not descriptive.
+/// Name of the encoder's file in our cache; the original name, `encoder_epoch_20.pth`, is not descriptive.
 pub const RESNET_FILE: &str = "resnet50dilated.pth";
 
 /// A published file for which the authors provide no hash.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Release {
-    /// Its name for `weights fetch`.
+    /// Name of the file for `weights fetch`.
     pub name: &'static str,
     /// File name in our cache.
     pub file: &'static str,
@@ -47,7 +47,7 @@ pub struct Release {
     /// Download address.
     pub address: String,
     pub network: ReleasedNetwork,
-    /// Name and address.
+    /// Name of the licence, and the address of its text.
     pub licence: (&'static str, &'static str),
     /// Plausible file sizes, bytes.
     pub sizes: RangeInclusive<u64>,
@@ -71,7 +71,7 @@ const RESNET_PARAMETERS: u64 = 23_631_808;
 /// normalisation, bytes.
 const OVERHEAD: u64 = 16 << 20;
 
-/// Plausible sizes of a file with this number of f32 parameters, bytes.
+/// Plausible sizes of a file with `parameters` f32 parameters, bytes.
 fn sizes(parameters: u64) -> RangeInclusive<u64> {
     4 * parameters..=4 * parameters + OVERHEAD
 }

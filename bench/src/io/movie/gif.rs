@@ -33,7 +33,7 @@ impl GifMovie {
     ///
     /// # Errors
     /// [`MovieError::Format`] for a side above 65 535 pixels or a rate that is not in 1..=[`MAX_FPS`];
-    /// [`MovieError::File`].
+    /// [`MovieError::File`] if the file cannot be created.
     pub fn create(path: &Path, (width, height): (u32, u32), fps: u32) -> Result<Self, MovieError> {
         let format = |reason: String| MovieError::Format {
             path: path.to_owned(),

@@ -18,7 +18,7 @@ pub enum MovieError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(
-        "{}: MP4 needs ffmpeg, which is not in PATH: install it (Debian: apt-get install ffmpeg), or write a .gif or \
+        "{}: MP4 needs ffmpeg, which is not in PATH; install it (Debian: apt-get install ffmpeg), or write a .gif or \
          a folder of PNG frames", path.display()
     )]
     NoFfmpeg { path: PathBuf },

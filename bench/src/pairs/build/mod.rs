@@ -20,12 +20,12 @@ use super::{Pair, PairError};
 #[derive(Clone)]
 pub struct BuildContext<'a> {
     pub depth: &'a dyn DepthSource,
-    /// Folder of each dataset by name; file names are made relative to it.
+    /// Folder of each dataset, keyed by its name; file names are made relative to it.
     pub roots: BTreeMap<String, PathBuf>,
     /// Memory limit for depth maps held at once, bytes; at least two maps are always held.
     pub depth_memory_bytes: u64,
     pub cache: Option<&'a OverlapCache>,
-    /// Reader settings of each dataset by name, as stable text, because depth depends on them.
+    /// Reader settings of each dataset, keyed by its name, as stable text, because depth depends on them.
     pub settings: BTreeMap<String, String>,
     /// Whether to hash photographs; not needed for counting.
     pub hash_photographs: bool,
@@ -139,9 +139,8 @@ pub struct Problem {
 /// A file that cannot be read is a [`Problem`], not an error; other scenes are still processed.
 ///
 /// # Errors
-/// [`PairError::Options`]; [`PairError::Stopped`] if `stop` returned true;
-/// [`PairError::DuplicatePair`] if two scenes have the same dataset and id, or two views of a scene
-/// the same id.
+/// [`PairError::Options`] if the options contradict each other; [`PairError::Stopped`] if `stop` returned true;
+/// [`PairError::DuplicatePair`] if two scenes have the same dataset and id, or two views of a scene the same id.
 pub fn build_pairs(
     scenes: &[Scene],
     options: &PairOptions,

@@ -16,7 +16,7 @@ use crate::pairs::pair_id::PairName;
 use crate::pairs::sets::view_sets;
 use crate::pairs::{Pair, PairError};
 
-/// The part of a [`PairBuild`] for one scene.
+/// Builds the pairs of one scene and adds them, with their counts and problems, to a [`PairBuild`].
 pub(super) struct SceneWork<'a> {
     scene: &'a Scene,
     options: &'a PairOptions,
@@ -24,10 +24,11 @@ pub(super) struct SceneWork<'a> {
     build: &'a mut PairBuild,
     known: SceneOverlaps,
     key: Option<String>,
-    /// Whether the cache needs writing, and when it was last written.
-    unkept: bool,
-    kept: Instant,
-    /// Problems already reported, by view.
+    /// Whether something was measured since the cache was last written.
+    is_dirty: bool,
+    /// When the cache was last written.
+    last_saved: Instant,
+    /// Problems already reported, each with the index of its view.
     noted: BTreeSet<(usize, String)>,
 }
 
@@ -57,8 +58,8 @@ impl<'a> SceneWork<'a> {
             build,
             known,
             key,
-            unkept: false,
-            kept: Instant::now(),
+            is_dirty: false,
+            last_saved: Instant::now(),
             noted: BTreeSet::new(),
         }
     }
@@ -71,20 +72,20 @@ impl<'a> SceneWork<'a> {
         for (view, error) in work(&measuring, &mut self.known) {
             self.problem(view, &error, needed);
         }
-        self.unkept |= measuring.has_learnt();
+        self.is_dirty |= measuring.has_learnt();
         // The table is written as a whole: writing it after every set would take quadratic time in a long scene.
-        if self.kept.elapsed() > KEEP_EVERY {
+        if self.last_saved.elapsed() > KEEP_EVERY {
             self.keep();
         }
     }
 
     /// Writes new measurements to the cache.
     pub(super) fn keep(&mut self) {
-        if let (Some(cache), Some(key), true) = (self.context.cache, &self.key, self.unkept) {
+        if let (Some(cache), Some(key), true) = (self.context.cache, &self.key, self.is_dirty) {
             cache.store(key, &self.known);
         }
-        self.unkept = false;
-        self.kept = Instant::now();
+        self.is_dirty = false;
+        self.last_saved = Instant::now();
     }
 
     fn counts(&mut self) -> &mut PairCounts {

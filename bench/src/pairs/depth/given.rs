@@ -61,11 +61,11 @@ impl GivenDepth {
     }
 }
 
-/// The depth map with this stem and one of the extensions. A PNG next to a map in floats is ignored, because it is
-/// probably a visualisation.
+/// The depth map `stem` with one of `EXTENSIONS`. A PNG next to a map in floats is ignored, because it is probably a
+/// visualisation.
 ///
 /// # Errors
-/// [`PairError::Depth`] if there are two.
+/// [`PairError::Depth`] if there are two maps.
 pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
     let found: Vec<PathBuf> = EXTENSIONS
         .iter()

@@ -15,9 +15,9 @@ use crate::pairs::PairError;
 /// The kind of a checkpoint that predicts depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DepthNetwork {
-    /// SHARP's, whose first depth layer is resized to the picture by nearest neighbour.
+    /// A checkpoint of SHARP, whose first depth layer is resized to the picture by nearest neighbour.
     Sharp,
-    /// Depth Pro's, whose inverse depth is resized to the picture bilinearly, as its authors do.
+    /// A checkpoint of Depth Pro, whose inverse depth is resized to the picture bilinearly, as its authors do.
     DepthPro,
 }
 

@@ -109,7 +109,7 @@ impl ForeignList {
     /// Reads a list.
     ///
     /// # Errors
-    /// [`PairError::File`]; [`PairError::List`] with the line of the first mistake.
+    /// [`PairError::File`] if the file cannot be read; [`PairError::List`] with the line of the first mistake.
     pub fn read(path: &Path, form: ListForm) -> Result<Self, PairError> {
         let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
         let entries = forms::parse(form, &bytes).map_err(|(line, reason)| PairError::List {
@@ -232,7 +232,7 @@ impl ForeignList {
 }
 
 impl ImportedPairs {
-    /// Converts to a list to be written to `path`.
+    /// Converts the pairs to a list to be written to `path`.
     pub fn list(self, path: &Path) -> PairList {
         PairList::new(path, self.pairs)
     }
@@ -244,7 +244,9 @@ fn found(scene: &Scene, frame: &FrameName) -> Result<usize, String> {
     match frame {
         FrameName::Position(at) => match (*at as usize) < count {
             true => Ok(*at as usize),
-            false => Err(format!("position {at} of {count} views, counted from 0")),
+            false => Err(format!(
+                "position {at} is beyond the last of {count} views, counted from 0"
+            )),
         },
         FrameName::Name(name) => {
             let stem = name

@@ -147,7 +147,7 @@ fn lists_become_pairs_of_the_dataset() {
         // Only the second context view shows that the list counts from 1.
         (
             r#"{"apple": {"context": [1, 6], "target": [2]}}"#,
-            "position 6 of 6 views, counted from 0",
+            "position 6 is beyond the last of 6 views, counted from 0",
         ),
     ] {
         let error = import(text, ListForm::Index).unwrap_err().to_string();
@@ -158,7 +158,9 @@ fn lists_become_pairs_of_the_dataset() {
         .import(Context::First, TargetSlot::Five, &[dataset])
         .unwrap_err();
     assert!(
-        error.to_string().contains("position 6 of 6 views"),
+        error
+            .to_string()
+            .contains("position 6 is beyond the last of 6 views"),
         "{error}"
     );
 }

@@ -74,7 +74,7 @@ impl PairOptions {
 
 fn number<T: std::str::FromStr>(text: &str) -> Result<T, String> {
     let number = text.parse();
-    number.map_err(|_| "not a number that fits".to_owned())
+    number.map_err(|_| "not a number, or out of range".to_owned())
 }
 
 /// Comma-separated names of an enum's values.

@@ -75,9 +75,9 @@ pub enum OverlapDepth {
     /// The default: [`Self::DepthPro`] on datasets for which the paper predicts depth, if its weights are found;
     /// otherwise [`Self::GroundTruth`]. Resolved before pairs are built.
     Auto,
-    /// The dataset's own, pixel by pixel.
+    /// The dataset's own depth, pixel by pixel.
     GroundTruth,
-    /// The dataset's own, if sparse: a point counts as seen if a measured depth within `radius` pixels of its
+    /// The dataset's own, sparse depth: a point counts as seen if a measured depth within `radius` pixels of its
     /// projection agrees.
     #[value(skip)]
     Sparse { radius: u32 },
@@ -137,7 +137,7 @@ pub struct PairOptions {
     pub threshold: f64,
     pub threshold_qualifies: bool,
     pub min_baseline_m: f64,
-    /// `None` for no limit.
+    /// Maximum distance of the two cameras, metres; `None` for no limit.
     pub max_baseline_m: Option<f64>,
     pub sampling: SamplingOptions,
 }
@@ -161,13 +161,13 @@ impl Default for PairOptions {
 }
 
 impl PairOptions {
-    /// Whether a pair with these overlaps qualifies.
+    /// Whether a pair qualifies by its overlaps.
     pub fn overlap_qualifies(&self, target_in_source: f64, source_in_target: f64) -> bool {
         let overlap = self.direction.of(target_in_source, source_in_target);
         overlap > self.threshold || (self.threshold_qualifies && overlap == self.threshold)
     }
 
-    /// Whether a pair with this distance between its cameras qualifies.
+    /// Whether a pair qualifies whose cameras are `metres` apart.
     pub fn baseline_qualifies(&self, metres: f64) -> bool {
         metres >= self.min_baseline_m && self.max_baseline_m.is_none_or(|most| metres <= most)
     }
@@ -216,11 +216,11 @@ impl PairOptions {
         if self.overlap.stride == 0 {
             return wrong("stride", "1 or more");
         }
-        let looks_itself = matches!(self.depth, OverlapDepth::Sparse { .. });
-        if looks_itself && self.overlap.lookup != DepthLookup::Nearest {
+        let searches_window = matches!(self.depth, OverlapDepth::Sparse { .. });
+        if searches_window && self.overlap.lookup != DepthLookup::Nearest {
             return wrong(
                 "lookup",
-                "left at its default with overlap=sparse, which searches the neighbourhood itself",
+                "left at its default with overlap=sparse, which already searches the neighbourhood",
             );
         }
         if self.overlap.max_side == Some(0) {

@@ -24,8 +24,8 @@ fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {
 /// The paper's maximum number of pairs per dataset.
 const LIMIT: usize = 512;
 
-/// Keys whose values are known to differ from the paper for any of these kinds of datasets, given the number of
-/// selected pairs. Sorted as in the text form.
+/// Keys whose values are known to differ from the paper for any of the kinds of datasets in `kinds`, given the number
+/// of selected pairs. Sorted as in the text form.
 fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec<&'static str> {
     let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::Stereo);
     // A limit that excluded no pair is equivalent to the paper's.
@@ -60,8 +60,8 @@ fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec
 }
 
 impl PairOptions {
-    /// `key=value` of every value that is known to differ from the paper's for this kind of dataset, given the number
-    /// of selected pairs.
+    /// `key=value` of every value that is known to differ from the paper's for datasets of the kind `kind`, given the
+    /// number of selected pairs.
     pub fn proxies_on(&self, kind: PaperOverlap, pairs: usize) -> Vec<String> {
         self.named(&differing(self, &[kind], pairs))
     }

@@ -20,7 +20,7 @@ pub struct ListDiff {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ChangedPair {
     pub pair_id: String,
-    /// Values in the first and second list, by column.
+    /// Values in the first and second list, keyed by column.
     pub columns: BTreeMap<&'static str, [String; 2]>,
 }
 

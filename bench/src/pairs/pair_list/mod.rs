@@ -55,8 +55,8 @@ impl PairList {
     /// Reads and checks a list.
     ///
     /// # Errors
-    /// [`PairError::File`]; [`PairError::List`] with the line of the first mistake: a missing column, an invalid
-    /// number, an id that contradicts its row, a repeated pair.
+    /// [`PairError::File`] if the file cannot be read; [`PairError::List`] with the line of the first mistake: a
+    /// missing column, an invalid number, an id that contradicts its row, a repeated pair.
     pub fn read(path: &Path) -> Result<Self, PairError> {
         let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
         Self::parse(path, &bytes)
@@ -232,7 +232,7 @@ fn absent_scene(pair: &Pair, scenes: &[Scene]) -> String {
     let given: BTreeSet<&str> = scenes.iter().map(|s| s.dataset.as_str()).collect();
     let given: Vec<&str> = given.into_iter().collect();
     format!(
-        "dataset '{}' is not given; given: {}",
+        "dataset '{}' is not given (given: {})",
         pair.dataset,
         if given.is_empty() {
             "none".to_owned()

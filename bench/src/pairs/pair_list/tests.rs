@@ -60,7 +60,7 @@ fn views_that_are_absent_are_named_with_file_and_line() {
     let resolved = list.resolve(&[]).unwrap_err().to_string();
     assert_eq!(
         resolved,
-        "pairs.csv:2: dataset 'd,x' is not given; given: none"
+        "pairs.csv:2: dataset 'd,x' is not given (given: none)"
     );
     let mut renamed = scene();
     renamed.id = "other".into();
@@ -132,7 +132,7 @@ fn photographs_and_cameras_are_verified() {
     );
     assert_eq!(found.photographs, 2);
     let nowhere = build(pairs()).verify(&[]);
-    assert_eq!(nowhere.absent, ["dataset 'd,x' is not given; given: none"]);
+    assert_eq!(nowhere.absent, ["dataset 'd,x' is not given (given: none)"]);
 }
 
 #[test]

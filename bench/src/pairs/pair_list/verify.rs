@@ -10,10 +10,10 @@ use sharp_datasets::{Scene, View};
 use super::{PairList, absent_scene};
 use crate::pairs::Pair;
 
-/// Tolerance for baselines to count as equal, metres: far below any calibration error, far above rounding.
+/// Baselines count as equal up to this difference, metres: far below any calibration error, far above rounding.
 const SAME_BASELINE_M: f64 = 1e-9;
 
-/// Tolerance for rotations, degrees. The angle is an arc cosine or sine of rounded numbers.
+/// Rotations count as equal up to this difference, degrees. The angle is an arc cosine or sine of rounded numbers.
 const SAME_ROTATION_DEG: f64 = 1e-6;
 
 /// Result of comparing a list's photographs and cameras with local files.
@@ -21,7 +21,7 @@ const SAME_ROTATION_DEG: f64 = 1e-6;
 pub struct Verification {
     /// Distinct photographs in the list.
     pub photographs: usize,
-    /// Photographs read and equal to the list's.
+    /// Photographs that were read and match the list.
     pub equal: usize,
     /// Photographs without a hash in the list.
     #[serde(rename = "without_hash")]
@@ -44,7 +44,7 @@ impl Verification {
     }
 }
 
-/// A photograph that differs from the list's.
+/// A photograph that differs from the one in the list.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct HashMismatch {
     pub dataset: String,

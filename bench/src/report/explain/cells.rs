@@ -79,7 +79,7 @@ impl Agreement {
 /// The explanation of one cell of the paper's table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellExplanation {
-    /// The dataset's name in the run; `column` is the paper's.
+    /// Name of the dataset in the run; `column` is its name in the paper.
     pub dataset: String,
     pub column: &'static str,
     /// The metric as published.
@@ -232,7 +232,7 @@ pub(super) fn cell(
     .judged()
 }
 
-/// The first scene of each place, by place.
+/// The first scene of each place, keyed by place.
 fn first_scenes<'a>(records: &[(usize, &'a Record)]) -> BTreeMap<&'a str, &'a str> {
     let mut first: BTreeMap<&str, &str> = BTreeMap::new();
     for (_, record) in records {

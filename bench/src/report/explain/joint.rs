@@ -15,7 +15,7 @@ pub struct JointReading {
     pub scenes: SceneReading,
     pub averaging: Averaging,
     pub region: MetricRegion,
-    /// Variant, value and distance to the published number, by metric of the table.
+    /// For each metric of the table, the variant with its value and its distance to the published number.
     pub variants: Vec<Variant>,
     /// The largest distance, in halves of the last printed digit; at most 1 if all metrics round to
     /// the published numbers.
@@ -32,7 +32,7 @@ pub struct Variant {
     pub distance: f64,
 }
 
-/// All joint readings by dataset, nearest first; readings with equal numbers appear once.
+/// All joint readings, sorted by dataset, then nearest first; readings with equal numbers appear once.
 pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
     let mut all = Vec::new();
     for cells in cells.chunk_by(|a, b| a.dataset == b.dataset) {

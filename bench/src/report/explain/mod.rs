@@ -32,9 +32,9 @@ const NAMED: usize = 4;
 /// A published row compared with a method's predictions scored under other readings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Explanation {
-    /// Cells by dataset, then in the order of the table's metrics.
+    /// Cells, sorted by dataset, then in the order of the table's metrics.
     pub cells: Vec<CellExplanation>,
-    /// Joint readings by dataset, nearest first.
+    /// Joint readings, sorted by dataset, then nearest first.
     pub joint_readings: Vec<JointReading>,
     /// Readings that were not computed, and why.
     pub absent: Vec<String>,
@@ -65,7 +65,7 @@ pub fn explain_run(
 ) -> Result<ExplainedRun, RowError> {
     let path = run.path.clone();
     if path.is_file() {
-        let reason = "it is not a run folder; a bundle has no pictures to score again".to_owned();
+        let reason = "it is not a run folder (a bundle has no pictures to score again)".to_owned();
         return Err(RowError::Unusable { path, reason });
     }
     let manifest = Results::read(&path)?.manifest;
@@ -183,7 +183,7 @@ fn other_readings(record: &DatasetRecord, column: &str) -> Vec<String> {
                 ""
             };
             format!(
-                "{column} with `{}={}` ({}{differs}): needs its own run",
+                "{column} with `{}={}` ({}{differs}) needs a run of its own",
                 setting.key, choice.value, choice.meaning
             )
         }));

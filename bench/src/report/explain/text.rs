@@ -235,8 +235,9 @@ fn nearest(all: &[JointReading]) -> TextGrid {
         all.len()
     );
     TextGrid::new(title, &heads, rows).remarked([
-        "Of each metric the nearest variant with its value and its distance to the published number; farthest: the largest \
-         distance in halves of the last printed digit, so that at most 1 is equal to rounding."
+        "For each metric, the nearest variant with its value and its distance to the published number. Farthest: \
+         the largest of these distances, in halves of the last printed digit; up to 1, all numbers round to the \
+         published ones."
             .to_owned(),
     ])
 }

@@ -50,7 +50,7 @@ impl fmt::Display for Choice {
     }
 }
 
-/// Pairs by id, or a number of pairs per dataset.
+/// Pairs given by their ids, or a number of pairs per dataset.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable

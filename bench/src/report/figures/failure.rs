@@ -77,14 +77,14 @@ fn of_dataset(
     if let Some(depth) = comparison.pictures.depth(facts, &facts.target)? {
         return Ok((
             depth,
-            "of the dataset's target: no rendering was kept (run --keep float)",
+            "of the dataset's target, because no rendering was kept (run --keep float)",
         ));
     }
     let depth = comparison.pictures.depth(facts, &facts.source)?;
     let depth = depth.ok_or(MissingPicture::Without("depth"))?;
     Ok((
         depth,
-        "of the dataset's input: no rendering was kept (run --keep float)",
+        "of the dataset's input, because no rendering was kept (run --keep float)",
     ))
 }
 

@@ -20,7 +20,7 @@ use sharp_plots::panels::{self, Panel, PanelFrame, PlotArea, point};
 use sharp_plots::scale::finite_range;
 use sharp_plots::style::FigureStyle;
 
-/// Seconds by method label and pair id.
+/// Seconds, keyed by method label, then by pair id.
 pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
 
 /// A method's index, median seconds and mean score.
@@ -42,7 +42,7 @@ pub fn seconds(results: &Results) -> Result<Seconds, EvaluateError> {
     Ok(all)
 }
 
-/// Times measured by `speed`: seconds of inference, upload and rendering together, by method and dataset.
+/// Times measured by `speed`: seconds of inference, upload and rendering together, keyed by method and dataset.
 #[derive(Debug, Clone, Default)]
 pub struct SpeedSeconds(BTreeMap<(String, String), f64>);
 
@@ -111,7 +111,7 @@ pub fn figure(
     let means = all().map(|(_, _, mean)| *mean);
     let y = PlotAxis::around(&metric.axis_label(), means, 0.1);
     let infinity = all().any(|(_, _, mean)| mean.is_infinite());
-    let x = PlotAxis::logarithmic("synthesis time (s a pair)", fastest / 1.6, slowest * 1.6);
+    let x = PlotAxis::logarithmic("synthesis time (s per pair)", fastest / 1.6, slowest * 1.6);
     let drawn = placed.iter().map(|(dataset, points)| Panel {
         frame: PanelFrame {
             infinity,
@@ -150,17 +150,14 @@ pub fn figure(
 
 /// States how the times were measured; `by_speed` names the methods measured by `speed`.
 fn caption(by_speed: &[&str], shown: usize) -> String {
-    const IN_RUN: &str = "median wall seconds of inference and rendering per pair as recorded in the run, while the \
-                          previous pair was being scored; an inference shared by several pairs counts in full for \
-                          each";
+    const TIME: &str = "Time: median wall-clock seconds of inference and rendering per pair";
+    const IN_RUN: &str = "recorded in the run, while the previous pair was being scored. An inference shared by \
+                          several pairs counts in full for each.";
     match (by_speed, shown > by_speed.len()) {
-        ([], _) => format!("Time: {IN_RUN}."),
-        (_, false) => {
-            "Time: median wall seconds of inference and rendering, measured alone by `speed`."
-                .to_owned()
-        }
+        ([], _) => format!("{TIME}, {IN_RUN}"),
+        (_, false) => format!("{TIME}; `speed` measured each method alone."),
         (some, true) => format!(
-            "Time of {}: measured alone by `speed`; of the others: {IN_RUN}.",
+            "{TIME}. `speed` measured {} alone; the times of the other methods were {IN_RUN}",
             some.join(", ")
         ),
     }
@@ -209,10 +206,10 @@ mod tests {
         let alone = SpeedSeconds::read(folder.path()).unwrap();
         assert_eq!(alone.of("untimed", "d"), Some(2.5));
         assert!(svg(&alone).contains("untimed"));
-        assert!(caption(&[], 2).contains("as recorded in the run"));
+        assert!(caption(&[], 2).contains("recorded in the run"));
         assert!(!caption(&["a", "b"], 2).contains("recorded in the run"));
         assert!(
-            caption(&["a"], 2).starts_with("Time of a: measured alone by `speed`; of the others: ")
+            caption(&["a"], 2).contains("`speed` measured a alone; the times of the other methods")
         );
     }
 }

@@ -17,7 +17,7 @@ use crate::report::tables::Condition;
 use super::column;
 use super::published::{MadeBy, PublishedTable};
 
-/// Maximum number of pairs per multi-view dataset in the paper.
+/// The paper evaluates at most this number of pairs of a multi-view dataset.
 const PAPERS_LIMIT: usize = 512;
 
 /// A table of the paper and the rows to compare with it.
@@ -110,7 +110,7 @@ fn coverage(compared: &ChecklistInput<'_>) -> Condition {
             counted(missing, "unit")
         )),
         _ => unmet(format!(
-            "Rows cover other pairs, and only complete ones are ranked: {}.",
+            "Some rows do not cover all pairs of a dataset and are not ranked there: {}.",
             partial.join("; ")
         )),
     }
@@ -138,7 +138,7 @@ fn pairs(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition
     };
     let sizes = compared.record(dataset).and_then(DatasetRecord::sizes);
     let sizes = sizes.map_or_else(String::new, |sizes| {
-        format!(" of {sizes}, where the paper takes a dataset's full resolution,")
+        format!(", at {sizes} (the paper uses the dataset's full resolution)")
     });
     let is_stereo = dataset.dataset.format.as_ref().is_some_and(|format| {
         let mut entries = ENTRIES.into_iter();
@@ -146,12 +146,12 @@ fn pairs(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition
     });
     unmet(match is_stereo {
         true => format!(
-            "{title}: {}{sizes} here{list}; the paper predicts each right frame from the left one and does not say of which scenes, \
-             exposures and illuminations.",
+            "{title}: {} here{list}{sizes}. The paper predicts each right frame from the left one, but does not say \
+             which scenes, exposures and illuminations it uses.",
             counted(n, "pair")
         ),
         false => format!(
-            "{title}: {}{sizes} here{list}; the paper evaluates min({PAPERS_LIMIT}, all) of a list that is not published.",
+            "{title}: {} here{list}{sizes}. The paper evaluates at most {PAPERS_LIMIT} pairs of an unpublished list.",
             counted(n, "pair")
         ),
     })
@@ -175,11 +175,11 @@ fn readings(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condit
     if differing.is_empty() {
         return check(
             true,
-            format!("{title}: read and paired as the paper states, as far as it states it."),
+            format!("{title}: read and paired as in the paper, as far as the paper describes it."),
         );
     }
     unmet(format!(
-        "{title}: known to differ from what the paper did: {}.",
+        "{title}: these choices are known to differ from the paper's: {}.",
         differing.join(", ")
     ))
 }
@@ -187,21 +187,18 @@ fn readings(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condit
 /// Condition on the variant of a column's metric.
 fn identity(column: &Column) -> Condition {
     let features = column.stand_in.as_ref().map(|features| {
-        format!(" Its features are not the published ones ({features}): no published number is comparable.")
+        format!(" Its features ({features}) are not the published ones, so no published number is comparable.")
     });
     let (is_met, unstated) = match column.family() {
         "psnr" => (
             true,
-            "the mean of each picture's PSNR, as usual; the paper does not say",
+            "the paper does not state how it averages, but the mean over pictures is usual",
         ),
         "lpips" => (
             false,
             "the paper does not state the network, its version or the input range",
         ),
-        "ssim" => (
-            false,
-            "the paper does not state window, border and channels",
-        ),
+        "ssim" => (false, "the paper does not state window, border or channels"),
         "dists" => (
             false,
             "the paper does not state whether pictures are reduced to 256 pixels first",
@@ -245,14 +242,14 @@ fn aggregation(compared: &ChecklistInput<'_>) -> Condition {
 fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     let wants = compared.paper.made_by == MadeBy::PrivilegedRun;
     // Sweeping scales counts too: the paper does so for methods whose depth cannot be aligned.
-    let is_told = |method: &MethodRecord| {
+    let is_privileged = |method: &MethodRecord| {
         let sweeps = method
             .identity
             .settings
             .contains_key(MethodIdentity::CHOSEN_BY);
         method.privilege.depth != TrueDepth::None || (wants && sweeps)
     };
-    let otherwise = |method: &&MethodRecord| is_told(method) != wants;
+    let otherwise = |method: &&MethodRecord| is_privileged(method) != wants;
     let others = compared.manifest.methods.iter().filter(otherwise);
     let others: Vec<&str> = others.map(|method| method.label.as_str()).collect();
     match (others.is_empty(), wants) {
@@ -262,11 +259,11 @@ fn privilege(compared: &ChecklistInput<'_>) -> Condition {
         ),
         (true, false) => check(true, "No row uses the true depth, nor do the paper's rows."),
         (false, true) => unmet(format!(
-            "With neither the scale of the true depth nor a sweep of scales, unlike the paper's rows: {}.",
+            "Rows that use neither the scale of the true depth nor a sweep of scales, unlike the paper's: {}.",
             others.join(", ")
         )),
         (false, false) => unmet(format!(
-            "With true depth, which the paper's rows do not have: {}.",
+            "Rows that use true depth, unlike the paper's: {}.",
             others.join(", ")
         )),
     }

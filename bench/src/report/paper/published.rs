@@ -131,7 +131,7 @@ impl PublishedTable {
             .collect()
     }
 
-    /// The number in the row with this label.
+    /// The number in the row with the label `row`.
     pub fn number(&self, row: &str, dataset: &str, metric: &str) -> Option<f64> {
         let (_, cells) = self.rows.iter().find(|(label, _)| *label == row)?;
         let d = self.datasets.iter().position(|name| *name == dataset)?;
@@ -183,24 +183,25 @@ impl PublishedTable {
     fn caveat(&self) -> String {
         let is = match self.made_by {
             MadeBy::Run | MadeBy::PrivilegedRun => {
-                "means over its own pairs, whose list is not published. It states neither the LPIPS backbone nor the \
-                 SSIM window nor the resize kernel, so these numbers are shown next to those measured here but never \
+                "means over the paper's own pairs, whose list is not published. The paper states neither the LPIPS \
+                 backbone nor the SSIM window nor the resize kernel, so these numbers are shown next to those \
+                 measured here but never \
                  ranked with them"
             }
             MadeBy::Translation => {
-                "for a picture that it does not name, without the LPIPS network, the SSIM window \
-                 or how pictures were shifted: compare trends, not digits"
+                "measured on a picture that the paper does not name. The paper states neither the LPIPS network nor \
+                 the SSIM window nor how pictures were shifted, so compare trends, not digits"
             }
             MadeBy::Speed if self.name == "ablation_loss_render" => {
-                "median latency per frame, milliseconds, on a device that it does not name for this table"
+                "median latency per frame, milliseconds, on a device that the paper does not name for this table"
             }
             MadeBy::Speed => {
-                "seconds on an A100 (SVC and TMPI on ETH3D: on an H100), rendered at each \
-                 dataset's own resolution"
+                "seconds on an A100 (an H100 for SVC and TMPI on ETH3D), rendered at each dataset's own resolution"
             }
             MadeBy::Checkpoint => {
-                "millions (M) and billions (B) as reported by the methods or counted in their sources; the trainable ones \
-                 are the total less the frozen modules; *: a diffusion model fine-tuned"
+                "millions (M) and billions (B) of parameters, as reported by the methods or counted in their \
+                 sources; trainable parameters are all except those of frozen modules; * marks a fine-tuned \
+                 diffusion model"
             }
         };
         let mut text = format!(
@@ -225,8 +226,8 @@ impl PublishedTable {
             percent(strongest, "LPIPS"),
         ) {
             text.push_str(&format!(
-                " The gains in its abstract are over {STRONGEST}, the smallest and the largest \
-                 among its datasets: DISTS {dists}, LPIPS {lpips}."
+                " The gains in the paper's abstract, from the smallest to the largest over its datasets, are \
+                 relative to {STRONGEST}: DISTS {dists}, LPIPS {lpips}."
             ));
         }
         let percep = ["color+alpha+depth+percep", "color+alpha+depth"];
@@ -242,8 +243,8 @@ impl PublishedTable {
         }
         if self.label == "tab:quantitative-aligned" {
             text.push_str(
-                " With privileged ground-truth depth: an approximate global scale factor, the median of true over predicted \
-                 depth; LVSM and SVC by a linear scale sweep per pair that minimises DISTS.",
+                " With privileged ground-truth depth: depth is multiplied by one factor, the median of true over \
+                 predicted depth; for LVSM and SVC, a linear sweep over scales minimises DISTS per pair.",
             );
         }
         text

@@ -223,13 +223,17 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
             default.or(first).copied()
         });
         let places: Option<Vec<(usize, MetricKey)>> = places.collect();
-        let places = places
-            .ok_or_else(|| unusable(format!("it lacks one of {}", paper.metrics.join(", "))))?;
+        let places = places.ok_or_else(|| {
+            unusable(format!(
+                "it does not have all of the metrics {}",
+                paper.metrics.join(", ")
+            ))
+        })?;
         let of_row: Vec<Column> = places.iter().map(|(_, key)| Column::from(*key)).collect();
         if measured.is_empty() {
             columns = of_row;
         } else if columns != of_row {
-            let reason = "its metrics are not the same variants as those of the rows before";
+            let reason = "its variants of the metrics differ from those of the previous rows";
             return Err(unusable(reason.to_owned()));
         }
         for line in csv.records() {

@@ -32,8 +32,7 @@ pub fn compute(runs: &[PathBuf]) -> Result<TextGrid, EvaluateError> {
         if rows.is_empty() {
             return Err(EvaluateError::NotKept {
                 folder: run.clone(),
-                reason: "it has no times: bundles and runs without predictions have none"
-                    .to_owned(),
+                reason: "it has no times, because it is a bundle or has no predictions".to_owned(),
             });
         }
     }
@@ -106,10 +105,10 @@ pub(super) fn grid(methods: &[MethodCompute]) -> TextGrid {
     let words = ["all", "", "", "", ""].map(GridCell::words).into_iter();
     rows.push(words.chain(sums(&all)).collect());
     TextGrid::new("Compute", &heads, rows).remarked([
-            "Wall time summed over the predictions in the run, without failures and earlier attempts. Predicting is \
-             inference (once per source if several pairs or methods share it) and rendering. The next pair is \
-             predicted while one is scored, so a run takes less time than the sum of both. Peak: largest resident \
-             size of the process until then."
+            "Wall-clock time summed over the predictions in the run, without failures and earlier attempts. \
+             Predicting is inference (once per source if several pairs or methods share it) and rendering. The \
+             next pair is predicted while one is scored, so a run takes less time than predicting and scoring \
+             together. Peak: largest resident size of the process up to the method's last prediction."
                 .to_owned(),
         ])
 }

@@ -45,12 +45,12 @@ pub fn table(measured: &Measured) -> Table {
         column(
             "inference_secs",
             "Inference",
-            "median over rounds and pairs of source picture to Gaussians, s",
+            "median seconds over rounds and pairs, from the source picture to the Gaussians",
         ),
         column(
             "render_secs",
             "Render",
-            "median over rounds and pairs of Gaussians to picture, s",
+            "median seconds over rounds and pairs, from the Gaussians to the picture",
         ),
     ];
     let title = "Run time (seconds)";
@@ -78,10 +78,12 @@ fn cells(speed: Option<&Speed>, kind: &str, notes: &mut Vec<String>) -> [Cell; 2
         (Some(failure), _) => format!("Not measured: {failure}."),
         (None, "target") => "Not measured: the ground truth is not a method.".to_owned(),
         (None, "imported" | "gaussians") if what == "inference" => {
-            "External files: reading a file is not inference.".to_owned()
+            "Its predictions are read from files, which is not inference.".to_owned()
         }
         (None, _) if what == "inference" => "Not measured.".to_owned(),
-        (None, _) => "It makes pictures directly, so all of its time is inference.".to_owned(),
+        (None, _) => {
+            "The method makes pictures directly, so all of its time is inference.".to_owned()
+        }
     };
     [("inference", inference), ("render", render)].map(|(what, secs)| {
         let value = Spread::of(secs).map(|summary| summary.median);
@@ -105,8 +107,8 @@ fn remarks(measured: &Measured) -> Vec<String> {
         .as_deref()
         .unwrap_or("an unidentified processor");
     let mut remarks = vec![
-        "Inference: from the source picture in memory to the Gaussians in memory, or to the picture for methods that \
-         make pictures; for `command` methods including data transfer. Reading files is not part of it."
+        "Inference: from the source picture in memory to the Gaussians in memory, or to the picture for methods \
+         that make pictures; the data transfer of `command` methods is included, reading files is not."
             .to_owned(),
         format!(
             "Render: from Gaussians loaded in the renderer to the 8-bit picture in memory, one view at a time, at \
@@ -114,12 +116,13 @@ fn remarks(measured: &Measured) -> Vec<String> {
             manifest.renderer
         ),
         format!(
-            "Medians over {} of each pair, after {} on the first that are not counted; each method alone, on {machine}{}.",
+            "Medians over {} of each pair, after a warm-up of {} on the first pair; each method was measured alone, \
+             on {machine}{}.",
             counted(measured.options.repeat, "round"),
             counted(measured.options.warmup, "round"),
             match devices.is_empty() {
                 true => String::new(),
-                false => format!("; networks: {}", devices.join(", ")),
+                false => format!(" (networks: {})", devices.join(", ")),
             }
         ),
     ];
@@ -137,7 +140,7 @@ fn remarks(measured: &Measured) -> Vec<String> {
     remarks
 }
 
-/// Spread, memory, and load of the renderer.
+/// Spread of the times, memory, and what the renderer had to draw.
 pub fn details(measured: &Measured) -> TextGrid {
     let heads = [
         "Method",
@@ -150,8 +153,8 @@ pub fn details(measured: &Measured) -> TextGrid {
         "On the GPU, s",
         "Gaussians",
         "Visible",
-        "Tiles each",
-        "Gaussians a tile",
+        "Tiles per Gaussian",
+        "Gaussians per tile",
         "Peak, MiB",
     ];
     let rows = measured.speeds.iter().map(|speed| {
@@ -192,13 +195,12 @@ pub fn details(measured: &Measured) -> TextGrid {
             ),
         ]
     });
-    TextGrid::new("Spread, memory and what is drawn", &heads, rows).remarked([
+    TextGrid::new("Spread of times, memory and rendering load", &heads, rows).remarked([
         "Times: median, first and third quartile of all rounds. On the GPU: drawing without copying the \
              picture back, as compared in the paper's tables. Gaussians: means over pairs; \
              visible ones reach the target's picture; tiles are 16 × 16 pixels, and a Gaussian \
              counts in each tile in which its alpha can reach 1/255. Peak: largest resident size \
-             of the process while the method was measured; the memory of a device is not part of \
-             it."
+             of the process while the method was measured; the memory of a device is not included."
         .to_owned(),
     ])
 }

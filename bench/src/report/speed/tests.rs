@@ -92,7 +92,7 @@ fn the_table_has_medians_and_says_why_a_cell_is_empty() {
     let why = |row: usize, cell: usize| table.notes[table.rows[row].cells[cell].notes[0]].as_str();
     assert_eq!(
         why(1, 1),
-        "It makes pictures directly, so all of its time is inference."
+        "The method makes pictures directly, so all of its time is inference."
     );
     assert_eq!(why(2, 0), "Not measured: D_1/s/a__b: no depth.");
     assert!(why(3, 0).contains("truth"));

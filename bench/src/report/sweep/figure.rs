@@ -162,7 +162,7 @@ fn caption(sweep: &Sweep, metric: usize, column: &Column) -> String {
             spec.binning
         ),
         spec.x.definition().to_owned(),
-        "n: pairs of a bin.".to_owned(),
+        "n: number of pairs in a bin.".to_owned(),
     ];
     let rules: Vec<&CrossingRule> = sweep
         .crossings
@@ -182,7 +182,7 @@ fn caption(sweep: &Sweep, metric: usize, column: &Column) -> String {
     if !what.is_empty() {
         let what = what.join(" or ");
         sentences.push(format!(
-            "Triangles mark where a method {what} from then on."
+            "Triangles mark the motion from which a method {what}."
         ));
     }
     // Keep a number and its unit on one line.

@@ -92,6 +92,17 @@ impl Motion {
         self.words()[1]
     }
 
+    /// A value of the axis with its noun and unit, for a sentence.
+    pub fn phrase(self, value: &str) -> String {
+        match self {
+            Self::BaselineM => format!("a camera baseline of {value} m"),
+            Self::RotationDeg => format!("a rotation of {value}°"),
+            Self::Overlap => format!("an overlap of {value}"),
+            Self::RelativeMotion => format!("a baseline of {value} median depths"),
+            Self::Disoccluded => format!("an unseen share of {value}"),
+        }
+    }
+
     /// A definition, which captions add to the label.
     pub fn definition(self) -> &'static str {
         self.words()[2]

@@ -89,7 +89,7 @@ pub enum CrossingRule {
 }
 
 impl SweepPanel {
-    /// The bins of a metric by number, with the fewest and most pairs of any line in each.
+    /// The bins of a metric, keyed by number, with the fewest and most pairs of any line in each.
     pub(super) fn counts(&self, metric: usize) -> BTreeMap<i64, BinCount> {
         let mut counts: BTreeMap<i64, BinCount> = BTreeMap::new();
         for bin in self.lines.iter().flat_map(|line| &line.bins[metric]) {

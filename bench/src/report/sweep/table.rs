@@ -89,13 +89,17 @@ pub fn rule(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     }
 }
 
+/// States from which camera motion on a method is worse than a threshold or another method.
 pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     let metric = &sweep.metrics[crossing.metric];
     let x = crossing.found.x;
     let (is, from) = match x {
         f64::NEG_INFINITY => ("is", "in every bin".to_owned()),
         f64::INFINITY => ("is not", "in the last bin".to_owned()),
-        x => ("is", format!("from {} on", short(x))),
+        x => {
+            let place = sweep.spec.x.phrase(&short(x));
+            ("is", format!("from {place} on"))
+        }
     };
     let end = |x: f64| match x {
         f64::NEG_INFINITY => "the first bin".to_owned(),
@@ -104,18 +108,17 @@ pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     };
     let interval = match crossing.found.interval {
         Some((low, high)) if low == high && low == x => {
-            " (and so for 95 % of resampled scenes)".to_owned()
+            " (as for the central 95 % of resamples)".to_owned()
         }
-        Some((low, high)) => format!(" (95 %: from {} to {})", end(low), end(high)),
-        None => " (no interval: a single scene)".to_owned(),
+        Some((low, high)) => format!(" (95 % interval: {} to {})", end(low), end(high)),
+        None => " (no interval, because there is a single scene)".to_owned(),
     };
     format!(
-        "{}: the {} of {} {is} {} {from}{interval}; {}",
+        "{}: in {}, {} {is} {} {from}{interval}",
         crossing.split,
         metric.label,
         crossing.method,
         rule(sweep, crossing),
-        sweep.spec.x.label(),
     )
 }
 
@@ -138,7 +141,7 @@ pub fn latex(sweep: &Sweep) -> String {
 
 fn table(sweep: &Sweep, k: usize, metric: &Column, labels: &[&str]) -> String {
     let note = format!(
-        "Places: {}, {}. {}",
+        "Rows: {}, {}. {}",
         sweep.spec.x.label(),
         sweep.spec.binning,
         sweep.spec.x.definition()

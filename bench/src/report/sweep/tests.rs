@@ -110,7 +110,7 @@ baseline, m & $n$ & a & \\textless{}script\\textgreater{}=100 \\% \\\\
 }
 
 \\smallskip\\raggedright\\footnotesize
-PSNR: \\texttt{psnr}. Places: camera baseline (m), bins of width 0.5. Baseline: distance of the camera centres.
+PSNR: \\texttt{psnr}. Rows: camera baseline (m), bins of width 0.5. Baseline: distance of the camera centres.
 \\end{table}
 ";
     assert_eq!(table::latex(&sweep(&records(), halves())), expected);
@@ -200,11 +200,13 @@ fn a_method_falls_behind_and_below() {
     let text = table::sentence(&sweep, &sweep.crossings[2]);
     assert_eq!(
         text,
-        "d_1 & co: the PSNR of <script>=100 % is behind a from 0.375 on (no interval: a single scene); camera baseline (m)"
+        "d_1 & co: in PSNR, <script>=100 % is behind a from a camera baseline of 0.375 m on (no interval, because \
+         there \
+         is a single scene)"
     );
     let text = table::sentence(&sweep, &sweep.crossings[0]);
     assert!(
-        text.starts_with("d_1 & co: the PSNR of a is not below 15.5 in the last bin ("),
+        text.starts_with("d_1 & co: in PSNR, a is not below 15.5 in the last bin ("),
         "{text}"
     );
     let csv = String::from_utf8(table::crossings_csv(&sweep)).unwrap();

@@ -19,7 +19,8 @@ pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
     }
     let proxies: Vec<String> = dataset.proxies.iter().map(|p| format!("`{p}`")).collect();
     Some(format!(
-        "{}: a proxy of the paper's column, not the same quantity; known to differ from what the paper did: {}.",
+        "{}: a proxy of the paper's column, not the same quantity, because these choices are known to differ from \
+         the paper's: {}.",
         dataset.title(),
         proxies.join(", ")
     ))
@@ -29,7 +30,7 @@ pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
 pub(super) fn feature_mark(column: &Column) -> Option<String> {
     let features = column.stand_in.as_ref()?;
     Some(format!(
-        "{} (`{}`): computed on `{features}` instead of the published features; not comparable with published \
+        "{} (`{}`): computed on `{features}` instead of the published features, so not comparable with published \
          numbers.",
         column.label, column.key
     ))
@@ -76,8 +77,8 @@ pub(super) fn prediction_marks(
     if resized > 0 {
         let kernel = facts.resize_kernel.as_ref();
         marks.push(format!(
-            "{label} on {name}: {resized} of {of} predictions had another size than the target and were resized{} before \
-             scoring.",
+            "{label} on {name}: {resized} of {of} predictions differed from the target in size and were resized{} \
+             before scoring.",
             kernel.map_or_else(String::new, |kernel| format!(" (`{kernel}`)"))
         ));
     }

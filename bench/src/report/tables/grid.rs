@@ -44,7 +44,7 @@ impl GridCell {
         Self::number(n.to_string(), n as f64)
     }
 
-    /// A number with this many decimals.
+    /// A number with `decimals` decimals.
     pub fn rounded(value: f64, decimals: usize) -> Self {
         Self::number(shown(value, decimals), value)
     }

@@ -260,7 +260,7 @@ impl Table {
         cells.any(|cell| cell.rank.is_some())
     }
 
-    /// Index of the footnote with this text, which is added if new.
+    /// Index of the footnote `text`, which is added if new.
     pub(crate) fn note(notes: &mut Vec<String>, text: String) -> usize {
         notes.iter().position(|n| *n == text).unwrap_or_else(|| {
             notes.push(text);

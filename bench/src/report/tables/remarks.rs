@@ -12,8 +12,8 @@ use crate::report::statistics::of_extra;
 use super::Table;
 use super::rank::rounded;
 
-/// Minimum share of empty pixels at which a remark mentions the holes of a method that scores worse than a baseline.
-const HOLES: f64 = 0.01;
+/// The holes of a method that scores worse than a baseline are mentioned if they are at least this share of the pixels.
+const MIN_HOLE_SHARE: f64 = 0.01;
 
 /// The metrics that have a score in some record, and a sentence on why the others have none. If no metric has a score,
 /// returns all metrics; their cells then state the reason.
@@ -116,7 +116,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
         }
         for (method, columns) in behind {
             let share = of_extra(dataset, method, "hole_share").mean.unwrap_or(0.0);
-            if share < HOLES {
+            if share < MIN_HOLE_SHARE {
                 continue;
             }
             text += &format!(

@@ -75,7 +75,7 @@ fn table(keys: &[MetricKey], records: &[Record]) -> Table {
     build::of_scores(&board, &board.metrics).remove(0)
 }
 
-/// Every file of a report by its relative name.
+/// Every file of a report, keyed by its relative name.
 fn files(
     results: &Results,
     scenes: &[Scene],

@@ -24,7 +24,7 @@ use crate::report::pictures::ReportPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
 /// Two depths that differ by more than this share belong to different surfaces, as for overlap.
-const RELATIVE: f64 = 0.05;
+const SURFACE_TOLERANCE: f64 = 0.05;
 /// Pixels up to this distance from a depth edge belong to it.
 const EDGE_RADIUS: i64 = 3;
 /// A class has scores only if it has at least this share of a pair's scored pixels.
@@ -83,7 +83,7 @@ pub fn classes(target: &PosedDepth, source: &PosedDepth) -> Vec<PixelClass> {
         let seen = source.depth().get_pixel(u as u32, v as u32).0[0];
         match f64::from(seen) - z {
             _ if !is_valid_depth(seen) => PixelClass::Unknown,
-            difference if difference.abs() <= RELATIVE * z => PixelClass::Visible,
+            difference if difference.abs() <= SURFACE_TOLERANCE * z => PixelClass::Visible,
             difference if difference < 0.0 => PixelClass::Disoccluded,
             _ => PixelClass::Unknown,
         }
@@ -99,7 +99,7 @@ fn mark_edges(depth: &DepthMap, classes: &mut [PixelClass]) {
     let at = |x: i64, y: i64| depth.as_raw()[(y * width + x) as usize];
     let differ = |a: f32, b: f32| {
         let (a, b) = (f64::from(a), f64::from(b));
-        (a - b).abs() > RELATIVE * a.min(b)
+        (a - b).abs() > SURFACE_TOLERANCE * a.min(b)
     };
     let reach = || -EDGE_RADIUS..=EDGE_RADIUS;
     let disc: Vec<(i64, i64)> = reach()
@@ -143,7 +143,7 @@ pub struct Anatomy {
 struct ClassScores<'a> {
     class: PixelClass,
     share: f64,
-    /// Changes by index of the metric; `None` if the class has too few pixels.
+    /// Changes, indexed by metric; `None` if the class has too few pixels.
     changes: Vec<Option<PairChange<'a>>>,
 }
 

@@ -16,7 +16,7 @@ use crate::evaluate::record::Record;
 use crate::report::sweep::Motion;
 use sharp_plots::scale::Step;
 
-/// Maximum number of bins per quantity.
+/// At most this many bins per measure of motion.
 const BINS: usize = 5;
 
 /// How pairs or pixels are divided into parts.
@@ -47,7 +47,7 @@ impl Division {
         }
     }
 
-    /// The quantity that divides the pairs; `None` if unknown or not finite.
+    /// The measure of motion that divides the pairs; `None` if it is unknown or not finite.
     fn value(self, record: &Record) -> Option<f64> {
         match self {
             Self::Scene | Self::Pixels => None,
@@ -84,9 +84,9 @@ pub struct Stratum {
 }
 
 impl RunComparison {
-    /// Differences between two methods for each part of a dataset (by [`Division::of_pairs`]):
-    /// scenes in the order of their pairs, bins in ascending order. A quantity that is equal for
-    /// all pairs of a dataset is omitted.
+    /// Differences between two methods for each part of a dataset (by [`Division::of_pairs`]): scenes in the order of
+    /// their first pair's id, bins in ascending order. A measure of motion by which all pairs of a dataset fall into
+    /// one bin is omitted.
     pub fn breakdown(&self, against: &Against, metric: &MetricInfo) -> Vec<Stratum> {
         let mut changes = self.sides(against).changes(metric);
         changes.sort_by(|a, b| a.a.pair_id.cmp(&b.a.pair_id));

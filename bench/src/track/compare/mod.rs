@@ -47,7 +47,7 @@ pub enum CompareError {
     Anatomy(String),
 }
 
-/// Largest negligible difference by metric family, in the metric's unit.
+/// Largest negligible difference of each metric family, in the metric's unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Practical(BTreeMap<Family, f64>);
 
@@ -392,7 +392,7 @@ fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
     notes
 }
 
-/// Label in the joined results, by label in the run.
+/// Labels in the joined results, keyed by the labels in the run.
 fn side_labels((side, manifest): (&str, &Manifest)) -> BTreeMap<String, String> {
     let methods = &manifest.methods;
     let labels = methods.iter().map(|method| method.label.clone());
@@ -420,7 +420,10 @@ fn chosen_methods(
         .iter()
         .find(|(old, new)| !a.contains_key(old) || !b.contains_key(new))
     {
-        let reason = format!("--method {old}={new}: {}", sides());
+        let reason = format!(
+            "--method {old}={new} names a method that its run does not have; {}",
+            sides()
+        );
         return Err(CompareError::Methods(reason));
     }
     if !asked.is_empty() {
@@ -440,7 +443,7 @@ fn chosen_methods(
     }
     if chosen.is_empty() {
         let reason = format!(
-            "no method is in both runs: {}; --method OLD=NEW pairs methods",
+            "no method is in both runs ({}); pair two methods with --method OLD=NEW",
             sides()
         );
         return Err(CompareError::Methods(reason));
@@ -481,7 +484,7 @@ fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
         _ => "",
     };
     Some(format!(
-        "their pairs differ: {} only in A, {} only in B; the first is {first}{hint}",
+        "their pairs differ ({} only in A, {} only in B; the first is {first}){hint}",
         counted(only_a, "pair"),
         only_b
     ))

@@ -86,8 +86,8 @@ impl RunComparison {
         json
     }
 
-    /// The pairs of each method and metric, largest loss first. With `of_either_end`, only up to this many of the
-    /// largest losses, and of the largest gains.
+    /// The pairs of each method and metric, largest loss first. With `of_either_end`, only that many of the largest
+    /// losses and as many of the largest gains.
     pub fn pair_lines(&self, of_either_end: Option<usize>) -> Vec<PairLine<'_>> {
         let mut lines = Vec::new();
         for against in &self.against {

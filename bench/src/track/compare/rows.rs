@@ -13,7 +13,7 @@ pub(super) fn clusters<'c, 'a: 'c>(changes: impl Iterator<Item = &'c PairChange<
     Clusters::new(changes.map(|change| (change.a.cluster.as_str(), change.scores)))
 }
 
-/// Records of two methods by pair.
+/// Records of two methods, keyed by pair.
 pub(super) struct Sides<'a> {
     pub(super) a: BTreeMap<&'a str, &'a Record>,
     pub(super) b: BTreeMap<&'a str, &'a Record>,
@@ -33,7 +33,7 @@ impl<'a> Sides<'a> {
         ))
     }
 
-    /// The pairs with a score on both sides, by id.
+    /// The pairs with a score on both sides, sorted by id.
     pub(super) fn changes(&self, metric: &MetricInfo) -> Vec<PairChange<'a>> {
         let key = metric.key.to_string();
         let score = |record: &Record| record.scores.get(&key).and_then(Score::value);

@@ -151,7 +151,7 @@ fn other_pairs_and_other_parts_of_targets_are_named() {
     let difference = pair_difference(&[ids(&leaked[1..]), ids(&leaked[..7])]).unwrap();
     assert_eq!(
         difference,
-        "their pairs differ: 1 pair only in A, 1 only in B; the first is D/0/000"
+        "their pairs differ (1 pair only in A, 1 only in B; the first is D/0/000)"
     );
     assert_eq!(pair_difference(&[ids(leaked), ids(leaked)]), None);
     let mut cropped = a.clone();

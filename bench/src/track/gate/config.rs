@@ -154,13 +154,13 @@ impl Resource {
     }
 }
 
-/// Largest amount by which B may be worse than A.
+/// A limit on how much worse than A B may be.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "String")]
 pub enum Limit {
     Score {
         metric: MetricName,
-        /// At least 0, in the metric's unit.
+        /// The limit, at least 0, in the metric's unit.
         bound: f64,
         /// Whether improvements beyond the bound also fire.
         either_way: bool,
@@ -219,7 +219,7 @@ impl FromStr for Limit {
         let (name, either_way) = (inner.unwrap_or(name), inner.is_some());
         let metric: MetricName = name.parse().map_err(|reason: String| {
             let costs = Resource::ALL.map(Resource::name).join(" ");
-            format!("'{text}': {reason}; costs: {costs}")
+            format!("'{text}': {reason}; the costs are {costs}")
         })?;
         let bound = number(value)?;
         let (is_fitting, form) = match (either_way, metric.direction()) {

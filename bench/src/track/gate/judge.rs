@@ -144,7 +144,7 @@ impl<'a> Judge<'a> {
         for (name, required) in &self.config.require_power {
             if !(required.is_finite() && *required > 0.0) {
                 return Err(format!(
-                    "power is required for {name} at {required}: expected a number above 0"
+                    "require_power for {name} is {required}, but must be a number above 0"
                 ));
             }
             let is_tested = |limit: &Limit| match limit {
@@ -156,7 +156,7 @@ impl<'a> Judge<'a> {
             };
             if !self.config.fail_if.iter().any(is_tested) {
                 return Err(format!(
-                    "power is required for {name}, but no limit on it tests significance"
+                    "require_power is set for {name}, but no limit on {name} tests significance"
                 ));
             }
         }

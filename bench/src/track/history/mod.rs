@@ -106,7 +106,7 @@ impl History {
 /// Metadata of a run. The label defaults to the name of its folder or file, the date to now.
 ///
 /// # Errors
-/// [`HistoryError::Occasion`].
+/// [`HistoryError::Occasion`] if the label, the commit or the date has an invalid form.
 pub fn occasion(
     run: &Path,
     label: Option<&str>,
@@ -148,7 +148,7 @@ fn check(occasion: &Occasion) -> Result<(), String> {
     match is_date(&occasion.date) {
         true => Ok(()),
         false => Err(format!(
-            "the date '{}' is not of the form YYYY-MM-DD or YYYY-MM-DDTHH:MM, or not in the calendar",
+            "the date '{}' is not in the calendar or not of the form YYYY-MM-DD or YYYY-MM-DDTHH:MM",
             visible_line(&occasion.date)
         )),
     }

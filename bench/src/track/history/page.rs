@@ -19,10 +19,10 @@ use sharp_statistics::Verdict;
 
 /// Font size of the labels below the axis, CSS pixels.
 const LABEL_SIZE: f64 = 11.5;
-/// Maximum number of entries whose labels fit below the axis.
-const LABELLED: f64 = 9.0;
+/// Up to this number of entries, labels fit below the axis.
+const MAX_LABELLED: f64 = 9.0;
 /// Distance between the points of two methods at one entry, CSS pixels.
-const APART: f64 = 7.0;
+const POINT_DISTANCE: f64 = 7.0;
 
 #[derive(Template)]
 #[template(path = "history.html")]
@@ -103,7 +103,7 @@ fn plot(history: &History, series: &[Series]) -> Result<Figure, PlotError> {
                 labels(surface, area, history);
                 let middle = (series.len() - 1) as f64 / 2.0;
                 for (at, series) in series.iter().enumerate() {
-                    let shift = (at as f64 - middle) * APART;
+                    let shift = (at as f64 - middle) * POINT_DISTANCE;
                     draw(surface, area, series, shift, style_of(series));
                 }
             }))
@@ -142,7 +142,11 @@ fn horizontal(history: &History) -> PlotAxis {
         number(history.entries.last()),
     );
     // Entry labels replace the axis label.
-    let label = if last - first < LABELLED { "" } else { "entry" };
+    let label = if last - first < MAX_LABELLED {
+        ""
+    } else {
+        "entry"
+    };
     PlotAxis::over(label, first - 0.5, last + 0.5, 12).counting()
 }
 
@@ -154,7 +158,7 @@ fn vertical(series: &[Series]) -> PlotAxis {
 /// Draws the entries' labels below their numbers, if there is room.
 fn labels(surface: &mut Surface, area: &PlotArea, history: &History) {
     let room = area.x.place(1.0) - area.x.place(0.0) - 6.0;
-    if area.x.high - area.x.low > LABELLED {
+    if area.x.high - area.x.low > MAX_LABELLED {
         return;
     }
     let lettering = Lettering {

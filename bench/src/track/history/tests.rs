@@ -355,7 +355,7 @@ fn a_series_is_broken_where_entries_cannot_be_compared_and_continues_where_they_
         ..worse.clone()
     };
     for (other, reason) in [
-        (fewer, "their pairs differ: 4 pairs only in A"),
+        (fewer, "their pairs differ (4 pairs only in A"),
         (near, "the renderer's nearest depth is \"0.01\""),
         (photographs, "the photographs of D/0/s__0 differ"),
     ] {

@@ -103,7 +103,9 @@ impl Series {
         let before = before.find(|before| Some(before.entry) == point.follows);
         if let Some(before) = before.filter(|before| before.identity != point.identity) {
             let entry = before.entry;
-            events.push(format!("other weights or options than in entry {entry}"));
+            events.push(format!(
+                "weights or options differ from those in entry {entry}"
+            ));
         }
         if let Some(mark) = &point.change {
             let size = shown(mark.difference.abs(), self.decimals());

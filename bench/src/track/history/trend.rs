@@ -340,7 +340,7 @@ impl MethodMetric<'_> {
         (point.n_planned > 0).then_some(point)
     }
 
-    /// The results of this method and metric on some datasets.
+    /// The results in `all` of this method and metric on `datasets`.
     fn of(&self, all: &Results, datasets: &[&str]) -> Results {
         let is_ours = |dataset: &str, method: &str| {
             method == self.method.label && datasets.contains(&dataset)
@@ -418,7 +418,7 @@ impl MethodMetric<'_> {
     }
 }
 
-/// The first pair in these datasets whose photographs changed.
+/// The first pair in `datasets` whose photographs differ between the entries.
 fn other_photographs<'a>(a: &'a Entry, b: &Entry, datasets: &[&str]) -> Option<&'a str> {
     let (a, b) = (&a.bundle.pairs, &b.bundle.pairs);
     if a.sha256 == b.sha256 {

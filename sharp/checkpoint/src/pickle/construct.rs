@@ -23,7 +23,7 @@ impl<'a> Heap<'a> {
             return malformed!("pickle: {} is called", function.kind());
         };
         let Value::Tuple(start, end) = args else {
-            return malformed!("pickle: arguments are {}", args.kind());
+            return malformed!("pickle: the arguments of a call are {}", args.kind());
         };
         let args = &self.tuples[start as usize..end as usize];
         match (global, args) {
@@ -113,10 +113,13 @@ impl<'a> Heap<'a> {
             _ => return malformed!("pickle: a persistent id that is not a storage"),
         };
         if key.len() > MAX_KEY_LEN {
-            return malformed!("pickle: a storage key of {} bytes", key.len());
+            return malformed!(
+                "pickle: a storage key has {} bytes; at most {MAX_KEY_LEN} are supported",
+                key.len()
+            );
         }
         let Ok(numel) = u64::try_from(numel) else {
-            return malformed!("pickle: storage '{key}' of {numel} elements");
+            return malformed!("pickle: storage '{key}' has a negative size ({numel} elements)");
         };
         self.storages.push(Storage { key, dtype, numel });
         Ok(Value::Storage(self.storages.len() as u32 - 1))

@@ -21,7 +21,7 @@ pub(crate) enum Global {
 }
 
 impl Global {
-    /// The constructor with that module and name, if it is supported.
+    /// The constructor `name` of the module `module`, if it is supported.
     pub(super) fn find(module: &str, name: &str) -> Option<Self> {
         Some(match (module, name) {
             ("collections", "OrderedDict") => Self::OrderedDict,

@@ -76,12 +76,12 @@ impl PackedMatrix {
         }
     }
 
-    /// Rows: the layer's inputs.
+    /// Number of rows, which are the layer's inputs.
     pub fn k(&self) -> usize {
         self.k
     }
 
-    /// Columns: the layer's outputs.
+    /// Number of columns, which are the layer's outputs.
     pub fn n(&self) -> usize {
         self.n
     }
@@ -108,7 +108,7 @@ pub(crate) struct PackedView<'a> {
     pub(crate) k: usize,
     pub(crate) n: usize,
     pub(crate) data: &'a [f32],
-    /// Padded like the columns.
+    /// Biases, padded like the columns.
     pub(crate) bias: &'a [f32],
 }
 

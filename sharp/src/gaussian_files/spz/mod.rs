@@ -153,7 +153,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     };
     out.doubts.push(Suspicion::new(
         super::AXES,
-        "SPZ does not state its axes: use `axes=rub` if they follow the format's specification, `axes=rdf` if a \
+        "SPZ does not state its axes; use `axes=rub` if they follow the format's specification, `axes=rdf` if a \
          PLY's numbers were stored unchanged, as splat-transform 3 does",
     ));
     Ok(out)

@@ -23,7 +23,7 @@ pub(in crate::model) struct Linear {
 }
 
 impl Linear {
-    /// `weight` is `[out, in]`.
+    /// Creates a linear layer; `weight` is `[out, in]`.
     pub(in crate::model) fn new(
         kernels: Option<Kernels>,
         weight: Tensor,

@@ -21,13 +21,12 @@ use super::predictor::{Planes, planes_of};
 use crate::image_file::focal::{Focal, FocalSource, focal_px_from_35mm};
 use crate::image_file::{self, AlphaRule, OrientationRule, PictureRules};
 
-/// Minimum focal length, in picture widths, that is accepted without a warning: a field of view of
-/// 136 degrees.
+/// Focal lengths below this number of picture widths, a field of view of 136 degrees, give a warning.
 const MIN_WIDTHS: f64 = 0.2;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhotoOptions {
-    /// Focal length in pixels of the (upright) image; overrides the file's.
+    /// Focal length in pixels of the (upright) image; overrides the focal length in the file.
     pub focal_px: Option<f64>,
     /// Images with more pixels are refused before they are decoded.
     pub max_pixels: u64,
@@ -145,12 +144,14 @@ fn photo_from_bytes(
         }
     };
     if !(focal_px.is_finite() && focal_px > 0.0) {
-        return refuse(format!("a focal length of {focal_px} pixels"));
+        return refuse(format!(
+            "the focal length is not finite and positive: {focal_px} pixels"
+        ));
     }
     if focal_source == FocalSource::Given && focal_px < MIN_WIDTHS * width as f64 {
         warnings.push(format!(
             "a focal length of {focal_px} px would be a field of view of {:.0} degrees in a picture {width} pixels \
-             wide: is it in millimetres? On 35 mm film, {focal_px} mm would be {:.2} px; set --focal-px",
+             wide; perhaps it is in millimetres (on 35 mm film, {focal_px} mm would be {:.2} px); set --focal-px",
             2.0 * (width as f64 / (2.0 * focal_px)).atan().to_degrees(),
             focal_px_from_35mm(focal_px, width, height)
         ));

@@ -151,7 +151,7 @@ fn shapes_that_no_camera_takes_are_taken_for_crops_where_the_file_says_no_size()
         let text = said(size, &[focal]);
         let parts = [
             "an aspect ratio that cameras do not produce",
-            "px: set --focal-px",
+            "px; set --focal-px",
         ];
         assert!(
             parts.iter().all(|part| text.contains(part)),
@@ -202,7 +202,7 @@ fn millimetres_given_for_pixels_are_warned_about() {
     };
     let text = said(26.0);
     assert!(
-        text.contains("is it in millimetres?") && text.contains("26 mm would be 260.00 px"),
+        text.contains("perhaps it is in millimetres") && text.contains("26 mm would be 260.00 px"),
         "{text}"
     );
     assert_eq!(said(75.0), "");

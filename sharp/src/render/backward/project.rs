@@ -31,13 +31,13 @@ pub(super) struct Projection {
 /// Gradients with respect to the outputs of the projection.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ScreenGradient {
-    /// With respect to the centre in pixels.
+    /// Gradient with respect to the centre in pixels.
     pub(super) center: [f64; 2],
-    /// With respect to p, q, r of the conic's Cholesky factor.
+    /// Gradient with respect to p, q, r of the conic's Cholesky factor.
     pub(super) factor: Vec3,
-    /// With respect to the entries uu, uv, vv of the 2D covariance without eps.
+    /// Gradient with respect to the entries uu, uv, vv of the 2D covariance without eps.
     pub(super) covariance: Vec3,
-    /// With respect to the depth in the view.
+    /// Gradient with respect to the depth in the view.
     pub(super) z: f64,
 }
 

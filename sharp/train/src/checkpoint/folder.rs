@@ -48,7 +48,7 @@ impl CheckpointFolder {
     /// Writes a state, then removes all but the latest `kept`.
     ///
     /// # Errors
-    /// [`StateError::File`].
+    /// [`StateError::File`] if a file cannot be written or removed.
     pub fn save(
         &self,
         state: &TrainingState,

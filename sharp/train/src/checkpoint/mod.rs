@@ -43,7 +43,7 @@ pub enum StateError {
     #[error("{}: not a training state: its header has no valid `{key}`", path.display())]
     NotAState { path: PathBuf, key: &'static str },
     #[error(
-        "{}: written with another configuration ({found}; this one's hash is {expected}); a file named in the \
+        "{}: written with another configuration (hash {found}, now {expected}), because a file named in the \
          configuration, or the program, has changed; use another folder",
         path.display()
     )]
@@ -115,7 +115,7 @@ impl TrainingState {
     /// Checks that all weights, which were read from `path`, are finite.
     ///
     /// # Errors
-    /// [`StateError::Value`].
+    /// [`StateError::Value`] names the first weight that is not finite.
     pub(crate) fn check(&self, path: &Path) -> Result<(), StateError> {
         let mut weights = self.weights.iter();
         weights.try_for_each(|weights| check_values(path, VALUES, &weights.name, &weights.values))
@@ -134,7 +134,8 @@ impl TrainingState {
     /// Writes the whole state atomically.
     ///
     /// # Errors
-    /// [`StateError::File`]; [`StateError::Value`] for values from which training cannot resume.
+    /// [`StateError::File`] if the file cannot be written; [`StateError::Value`] for values from which training cannot
+    /// resume.
     pub fn save(&self, path: &Path, config_sha256: &str) -> Result<(), StateError> {
         let Position { stage, step } = self.position;
         let metadata = [
@@ -225,7 +226,8 @@ impl TrainingState {
     /// free text.
     ///
     /// # Errors
-    /// [`StateError::Value`] for values that are not finite in `precision`; [`StateError::File`].
+    /// [`StateError::Value`] for values that are not finite in `precision`; [`StateError::File`] if the file cannot be
+    /// written.
     pub fn export(
         &self,
         path: &Path,
@@ -293,7 +295,7 @@ fn not_a_state(file: &Checkpoint, key: &'static str) -> StateError {
     StateError::NotAState { path, key }
 }
 
-/// Shapes and values by name.
+/// Shapes and values, keyed by name.
 type Tensors<'a> = BTreeMap<String, (&'a [usize], &'a [f32])>;
 
 fn write(

@@ -45,7 +45,7 @@ pub struct Sample {
 pub struct Photograph {
     /// `SCENE/VIEW`, or the file's name.
     pub id: String,
-    /// sRGB.
+    /// Picture, sRGB-encoded.
     pub image: RgbImage,
     pub intrinsics: Intrinsics,
 }

@@ -75,8 +75,8 @@ impl FolderPhotographs {
     /// in pixels.
     ///
     /// # Errors
-    /// [`DataError::Dataset`] if the folder cannot be read; [`DataError::NoPicture`]; [`DataError::Unsplit`] if nothing
-    /// would be held out.
+    /// [`DataError::Dataset`] if the folder cannot be read; [`DataError::NoPicture`] if it has no pictures;
+    /// [`DataError::Unsplit`] if nothing would be held out.
     pub fn open(
         folder: &Path,
         held_out: Option<usize>,
@@ -99,8 +99,8 @@ impl FolderPhotographs {
         }
     }
 
-    /// Reads a file and turns it upright. The focal length is the file's, or 30 mm (35 mm
-    /// equivalent) if it states none.
+    /// Reads a file and turns it upright. The focal length is the one that the file states, or 30 mm (35 mm equivalent)
+    /// if it states none.
     fn read(&self, id: &str, path: &Path) -> Result<Photograph, DataError> {
         let photo = load_photo(path, &PhotoOptions::default())?;
         let (width, height) = (photo.width as u32, photo.height as u32);
@@ -142,7 +142,7 @@ pub struct ProceduralPhotographs {
 }
 
 /// Separates the scenes used as photographs from those that a first stage with the same seed uses.
-const APART: u64 = 0x5048_4f54;
+const PHOTOGRAPH_SEED: u64 = 0x5048_4f54;
 
 impl ProceduralPhotographs {
     /// Creates a source with the given seed and picture size (width, height) in pixels.
@@ -153,7 +153,7 @@ impl ProceduralPhotographs {
 
 impl Source<Photograph> for ProceduralPhotographs {
     fn get(&self, k: u64) -> Result<Photograph, DataError> {
-        let mut random = draws(self.seed ^ APART, k);
+        let mut random = draws(self.seed ^ PHOTOGRAPH_SEED, k);
         let (scene, views) = scene(&mut random, self.size, self.worlds.of(k))?;
         let view = &views[random.below(views.len() as u64) as usize];
         let id = format!("{scene}/{}", view.id);

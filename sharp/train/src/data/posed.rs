@@ -31,7 +31,7 @@ impl PosedSamples {
     ///
     /// # Errors
     /// [`DataError::Dataset`] if the dataset cannot be read; [`DataError::HeldOut`] for procedural scenes outside the
-    /// training seeds; [`DataError::NoPair`].
+    /// training seeds; [`DataError::NoPair`] if no two views form a pair.
     pub fn open(
         spec: &DatasetSpec,
         seed: u64,

@@ -12,7 +12,7 @@ use super::DataError;
 /// A posed picture with its depth; all arrays have the same size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainingView {
-    /// sRGB-encoded.
+    /// Picture, sRGB-encoded.
     pub image: RgbImage,
     pub intrinsics: Intrinsics,
     pub camera_from_world: RigidTransform,
@@ -28,7 +28,8 @@ impl TrainingView {
     /// pixel that contributes to it is.
     ///
     /// # Errors
-    /// [`DataError::Dataset`]; [`DataError::NoDepth`]; [`DataError::Picture`] for an empty size.
+    /// [`DataError::Dataset`] if the view cannot be read; [`DataError::NoDepth`] if it has no depth;
+    /// [`DataError::Picture`] for an empty size.
     pub(super) fn read(view: &View, size: (u32, u32)) -> Result<Self, DataError> {
         let file = view.content.image_file();
         let depth = view.content.depth()?;

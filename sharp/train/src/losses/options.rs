@@ -53,7 +53,7 @@ impl Default for LossWeights {
 }
 
 impl LossWeights {
-    /// In the order of [`TERMS`].
+    /// The weights, in the order of [`TERMS`].
     fn values(&self) -> [f64; TERMS.len()] {
         let Self {
             color,

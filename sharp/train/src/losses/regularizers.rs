@@ -3,12 +3,14 @@
 use super::map::Grid;
 use super::{GradientNorm, InverseDepthUnits, Loss, LossOptions, SplatVariance, sign, sum_over};
 
-/// σ and ε of [`grad`], in units of inverse depth.
+/// Both σ and ε of [`grad`], in units of inverse depth.
 const DEPTH_MARGIN: f64 = 1e-2;
 /// δ of [`delta`], in raw outputs of the network.
 const MAX_DELTA: f64 = 400.0;
-/// Bounds of [`splat`], px².
-const VARIANCES: [f64; 2] = [0.1, 100.0];
+/// [`splat`] penalises variances below this, px².
+const MIN_VARIANCE: f64 = 0.1;
+/// [`splat`] penalises variances above this, px².
+const MAX_VARIANCE: f64 = 100.0;
 
 /// E_p(|∂x 1/D̄₂| + |∂y 1/D̄₂|); gradient with respect to D̄₂, the second layer after alignment, in metres and in rows
 /// of `width`.
@@ -189,9 +191,8 @@ pub fn splat(covariances: &[[f64; 3]], width: u32, options: &LossOptions) -> Los
     let unit = (options.splat_width / f64::from(width)).powi(2);
     let share = 1.0 / covariances.len().max(1) as f64;
     let bounds = |v: f64| {
-        let [least, most] = VARIANCES;
-        let value = (v - most).max(0.0) + (least - v).max(0.0);
-        let slope = f64::from(i8::from(v > most) - i8::from(v < least));
+        let value = (v - MAX_VARIANCE).max(0.0) + (MIN_VARIANCE - v).max(0.0);
+        let slope = f64::from(i8::from(v > MAX_VARIANCE) - i8::from(v < MIN_VARIANCE));
         (value * share, slope * unit * share)
     };
     sum_over(covariances.len(), |i| {

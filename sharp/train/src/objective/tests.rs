@@ -85,7 +85,7 @@ fn only(term: usize) -> LossWeights {
     }
 }
 
-/// A gradient's parts by name.
+/// A gradient's parts, each with its name.
 fn parts(gradient: &PassGradient) -> Vec<(&'static str, Vec<f32>)> {
     let each = |of: fn(&GaussianGradient) -> &[f32]| {
         let values = gradient.gaussians.iter().flat_map(of);

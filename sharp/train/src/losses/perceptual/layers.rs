@@ -4,7 +4,7 @@ use candle_core::{Result, Tensor};
 use sharp::model::{Compute, FrozenConvolution, max_pool};
 
 pub(super) enum Layer {
-    /// Followed by ReLU.
+    /// A convolution, followed by ReLU.
     Convolution(FrozenConvolution),
     /// Side of the windows, and width of the padding.
     MaxPool(usize, usize),

@@ -150,7 +150,7 @@ impl Perceptual {
     /// `seed` determines the position of the crop. Results are bit-identical for any number of threads.
     ///
     /// # Errors
-    /// [`PerceptualError::TooSmall`]; also if the device fails.
+    /// [`PerceptualError::TooSmall`] if the picture is smaller than the network accepts; also if the device fails.
     ///
     /// # Panics
     /// If lengths differ or are not a multiple of `width`.

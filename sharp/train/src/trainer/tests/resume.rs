@@ -50,8 +50,7 @@ impl Watcher for Interrupter {
     }
 }
 
-/// Runs a whole training on `threads` threads with the given interruptions; returns its files by
-/// name.
+/// Runs a whole training on `threads` threads with the given interruptions; returns its files, keyed by name.
 fn files(threads: usize, interruptions: &[Interruption]) -> BTreeMap<String, Vec<u8>> {
     let mut config = config([4, 3], 48);
     config.intervals.checkpoint = 2;
