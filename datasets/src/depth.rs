@@ -179,8 +179,8 @@ impl StereoGeometry {
             return Err(DatasetError::malformed(
                 path,
                 format!(
-                    "{negative} disparities are negative and {sane} positive; disparity must be positive: x in the \
-                     left picture minus x in the right one (or are the pictures exchanged?)"
+                    "{negative} disparities are negative and {sane} positive, but disparity (x in the left picture \
+                     minus x in the right one) must be positive; perhaps the pictures are exchanged"
                 ),
             ));
         }
@@ -189,8 +189,8 @@ impl StereoGeometry {
                 path,
                 format!(
                     "none of {strange} disparities lies within the picture's width of {widest} \
-                     pixels: are they in another unit (as in KITTI's 16-bit PNG, 1/256 pixel; with format \
-                     stereo, set disparity_unit in rig.txt), are they depths, or is the byte order wrong?"
+                     pixels; perhaps they are in another unit (as in KITTI's 16-bit PNG, 1/256 pixel; with format \
+                     stereo, set disparity_unit in rig.txt), they are depths, or the byte order is wrong"
                 ),
             ));
         }
@@ -200,8 +200,8 @@ impl StereoGeometry {
             return Err(DatasetError::malformed(
                 path,
                 format!(
-                    "{behind} of {sane} disparities are below {}, so their points would lie behind the cameras: are \
-                     the principal points of the two cameras exchanged?",
+                    "{behind} of {sane} disparities are below {}, so their points would lie behind the cameras; \
+                     perhaps the principal points of the two cameras are exchanged",
                     -self.doffs
                 ),
             ));

@@ -67,7 +67,7 @@ impl DatasetSpec {
         }
         let entry = entry(format)?;
         let procedural = format == synthetic::ENTRY.format;
-        let no_folder = || error(format!("no folder: write {format}=FOLDER"));
+        let no_folder = || error(format!("the folder is missing; write {format}=FOLDER"));
         if !procedural && text[head.len()..].starts_with(',') {
             return Err(no_folder());
         }
@@ -97,7 +97,7 @@ impl DatasetSpec {
             if !setting.any && setting.choices.iter().all(|c| c.value != value) {
                 let known: Vec<_> = setting.choices.iter().map(|c| c.value).collect();
                 return Err(error(format!(
-                    "'{key}' cannot be '{value}'; it is one of: {}",
+                    "'{key}' cannot be '{value}'; it must be one of {}",
                     known.join(", ")
                 )));
             }

@@ -135,7 +135,7 @@ impl<'a> SceneBuilder<'a> {
             let names: Vec<String> = names.iter().map(name).collect();
             self.notes.extend((!names.is_empty()).then(|| {
                 let (count, first) = (names.len(), first_few(&names));
-                format!("{}: {count} file(s) {why}: {first}", folder.display())
+                format!("{}: {count} file(s) {why} ({first})", folder.display())
             }));
         }
     }
@@ -188,7 +188,7 @@ pub(crate) const NO_POSE: &str = "the pose is not finite or not rigid";
 pub(crate) fn no_pose(error: &CameraError) -> &'static str {
     match error {
         CameraError::NotRigid { determinant, .. } if *determinant < 0.0 => {
-            "the pose mirrors space (its determinant is below zero: an axis is negated, or two are exchanged)"
+            "the pose mirrors space (its determinant is below zero, so an axis is negated or two are exchanged)"
         }
         _ => NO_POSE,
     }

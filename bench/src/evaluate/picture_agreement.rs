@@ -122,18 +122,18 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
     match change {
         PictureChange::Photograph => {
             format!(
-                "its pictures {}: {counted} are equal to those {photographs}; were the photographs stored in place of the \
-                 predictions?",
+                "its pictures {} ({counted} are equal to those {photographs}); perhaps the photographs were stored in place \
+                 of the predictions",
                 change.text()
             )
         }
         PictureChange::Unlike => format!(
-            "its pictures {}: {counted} have a correlation below {UNLIKE} with those {photographs} (another scene \
-             or pose, another byte order, or unfinished files?)",
+            "its pictures {} ({counted} have a correlation below {UNLIKE} with those {photographs}); perhaps they show \
+             another scene or pose, or the files are unfinished or in another byte order",
             change.text()
         ),
         PictureChange::LimitedRange => format!(
-            "its pictures look as if they {}: {counted} have about 16 for black and 235 for white of the photographs \
+            "its pictures look as if they {}; {counted} have about 16 for black and 235 for white of the photographs \
              {photographs}",
             change.text()
         ),
@@ -147,17 +147,17 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
             )
         }
         PictureChange::NormalisedAndStretched => format!(
-            "its pictures look as if they {}: {counted} have the brightness and contrast per channel of the photographs \
-             {photographs} after this",
+            "its pictures look as if they {}; {counted} have the brightness and contrast per channel that this gives the \
+             photographs {photographs}",
             change.text()
         ),
         PictureChange::Stretched(_) => format!(
-            "its pictures look as if they {}: {counted} have more contrast than the photographs {photographs}, each by \
-             another factor",
+            "its pictures look as if they {}; {counted} have more contrast than the photographs {photographs}, each by \
+             a different factor",
             change.text()
         ),
         change => format!(
-            "its pictures look as if they {}: {counted} are significantly closer to the photographs {photographs} when \
+            "its pictures look as if they {}; {counted} are significantly closer to the photographs {photographs} when \
              this is undone",
             change.text()
         ),
@@ -220,8 +220,8 @@ pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
     let names: BTreeSet<&str> = repeated.map(|(name, _)| *name).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "{} of its {} pictures are equal to another one, although their targets differ (one file stored under \
-             several names?): {}",
+            "{} of its {} pictures are equal to another one, although their targets differ (perhaps one file was \
+             stored under several names): {}",
             names.len(),
             pictures.len(),
             listed(names)
@@ -265,7 +265,7 @@ mod tests {
             assert_eq!(sentences(few.0, few.1, few.2), Vec::<String>::new());
         }
         let bgr = PictureChange::Bgr;
-        assert!(sentences(bgr, 7, 8)[0].contains("red and blue exchanged: 7 of 8 "));
+        assert!(sentences(bgr, 7, 8)[0].contains("red and blue exchanged; 7 of 8 "));
         assert!(sentences(wrapped, 3, 8)[0].starts_with("3 of its 8 pictures have very bright"));
         assert_eq!(sentences(PictureChange::Padded, 4, 8).len(), 1);
     }

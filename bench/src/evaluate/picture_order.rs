@@ -313,7 +313,7 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     let copies = count(&[Source]);
     if is_most(copies) {
         return Some(format!(
-            "its pictures are {}, as the baseline `copy` gives: {copies} of the {all} compared in {pairs}; if this is \
+            "its pictures are {}, as with the baseline `copy` ({copies} of the {all} compared in {pairs}); if this is \
              not intended, store the predictions",
             Source.text()
         ));
@@ -321,8 +321,8 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     let views = count(&[Source, SourceView]);
     if is_most(views) {
         return Some(format!(
-            "its pictures show {} rather than the target's: {views} of the {all} compared in {pairs} are significantly \
-             closer to the source's photograph, as if they were rendered with the source's pose, or with poses of \
+            "its pictures show {} rather than the target's ({views} of the {all} compared in {pairs} are significantly \
+             closer to the source's photograph), as if they were rendered with the source's pose, or with poses of \
              another unit or axes, or as if source and target were exchanged in the file names",
             SourceView.text()
         ));
@@ -335,8 +335,8 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     };
     is_most(count).then(|| {
         format!(
-            "its pictures look as if they had the names of other {pairs}: {count} of the {all} compared show {} \
-             significantly better than their own; correct the file names",
+            "its pictures look as if they had the names of other {pairs} ({count} of the {all} compared show {} \
+             significantly better than their own); correct the file names",
             what.text()
         )
     })
@@ -434,11 +434,14 @@ mod tests {
         // A target equal to its source.
         assert_eq!(shown(&view(0, 0), 0), Some(ShownTarget::Own));
         let said = misplaced(&BTreeMap::from([(ShownTarget::Source, 3)]), "pairs of d").unwrap();
-        assert!(said.contains("are the source's photograph, "), "{said}");
+        assert!(
+            said.contains("are the source's photograph, as with the baseline `copy` (3 of the 3"),
+            "{said}"
+        );
         let said = BTreeMap::from([(ShownTarget::Source, 1), (ShownTarget::SourceView, 3)]);
         let said = misplaced(&said, "pairs of d").unwrap();
         assert!(
-            said.contains("show the source's view rather than the target's: 4 of the 4"),
+            said.contains("show the source's view rather than the target's (4 of the 4"),
             "{said}"
         );
     }
@@ -509,7 +512,7 @@ mod tests {
                 vec![(Reversed(1), 4)],
                 [
                     "show",
-                    "if the y of its translation is reversed",
+                    "if the y of its translation were reversed",
                     "4 of the 4",
                 ],
             ),

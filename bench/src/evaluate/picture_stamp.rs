@@ -107,9 +107,9 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
     let [across, down] = [(across, GRID[0]), (down, GRID[1])]
         .map(|([first, last], of)| format!("{} to {} %", 100 * first / of, 100 * last / of));
     Some(format!(
-        "its pictures have something in common that their targets do not, as captions, logos and watermarks leave: \
-         about {:.0} % of their area, at {across} of the width and {down} of the height, is the same in nearly all of \
-         the {all} compared of {dataset}; store the pictures without it",
+        "its pictures have something in common that their targets do not have, such as a caption, logo or watermark \
+         (about {:.0} % of their area, at {across} of the width and {down} of the height, is the same in nearly all of \
+         the {all} compared of {dataset}); store the pictures without it",
         100.0 * share
     ))
 }

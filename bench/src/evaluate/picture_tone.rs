@@ -147,8 +147,8 @@ impl Curve {
     /// Completes the sentence "its pictures".
     fn text(self) -> String {
         let Self::Power { gains, gamma } = self else {
-            return "look as if they were tone mapped: with x / (1 + x) of linear light (Reinhard), the photographs' \
-                    levels become theirs"
+            return "look as if they were tone mapped with x / (1 + x) of linear light (Reinhard), which turns the \
+                    photographs' levels into theirs"
                 .to_owned();
         };
         let [red, green, blue] = gains;
@@ -161,19 +161,19 @@ impl Curve {
                 false => String::new(),
             };
             return format!(
-                "look as if they had another tone curve: their levels are {times}the photographs' (0 to 1) to the power \
-                 of {gamma:.2}, as tone mapping or another gamma leaves"
+                "look as if they had another tone curve, with {times}the photographs' levels (0 to 1) to the power of \
+                 {gamma:.2}, as after tone mapping or with another gamma"
             );
         }
         match is_balance {
             true => format!(
-                "have {red:.2}, {green:.2} and {blue:.2} times the red, green and blue of the photographs, as another white \
-                 balance leaves"
+                "have {red:.2}, {green:.2} and {blue:.2} times the red, green and blue of the photographs, as with another \
+                 white balance"
             ),
             false => format!(
-                "have {green:.2} times the levels of the photographs, as another exposure leaves{}",
+                "have {green:.2} times the levels of the photographs, as with another exposure{}",
                 if most < 1.0 {
-                    ", or colours that were multiplied by alpha"
+                    " or colours that were multiplied by alpha"
                 } else {
                     ""
                 }
@@ -307,9 +307,9 @@ pub(super) fn masked_pictures<'a>(
         let is_found = count >= AGREEING.0 && count as f64 >= MASKED.1 * all as f64;
         is_found.then(|| {
             format!(
-                "its pictures are black or white in places that both source and target show: {median} % of them in the \
-                 median, in {count} of the {all} compared pairs of {dataset}, as a masked background leaves; store the \
-                 pictures without a mask, and render the background as well"
+                "its pictures are black or white in places that both source and target show (a median of {median} % of \
+                 these places, in {count} of the {all} compared pairs of {dataset}), as with a masked background; store \
+                 the pictures without a mask, and render the background as well"
             )
         })
     });
@@ -389,7 +389,7 @@ fn dark_corners(tones: &[&Tone], dataset: &str) -> Option<String> {
     is_found.then(|| {
         format!(
             "its pictures have corners that are {:.0} % darker, compared with their middle, than those of the photographs \
-             ({count} of the {all} compared in pairs of {dataset} agree), as vignetting leaves, or colours multiplied by an \
+             ({count} of the {all} compared in pairs of {dataset} agree), as with vignetting or colours multiplied by an \
              alpha that falls off; store them without it",
             100.0 * (1.0 - middle.exp())
         )

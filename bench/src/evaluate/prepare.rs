@@ -168,7 +168,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             if left > 0 {
                 let all = list.pairs.len();
                 observer.warn(&format!(
-                    "{left} of the {all} pairs in the list are not evaluated: their scenes or \
+                    "{left} of the {all} pairs in the list are not evaluated, because their scenes or \
                      views cannot be read"
                 ));
             }
@@ -271,8 +271,8 @@ fn check_files(
             line: first.line,
             reason: format!(
                 "the cameras of {} are {found_m} m and {found_deg}° apart, but {listed_m} m and \
-                 {listed_deg}° in the list ({} in all): the list was made from other poses or with \
-                 other settings; `pairs verify` compares the two; `pairs` builds a new list",
+                 {listed_deg}° in the list ({} in all), so the list was made from other poses or with \
+                 other settings; `pairs verify` compares the two, and `pairs` builds a new list",
                 first.pair_id,
                 counted(found.moved.len(), "such pair"),
             ),

@@ -116,8 +116,9 @@ impl Current {
         match moved.filter(|_| list.sha256 != said.sha256) {
             Some(unit) => {
                 let pair = &unit.slot.pair_id;
-                let what =
-                    format!("pairs.csv has other cameras for pair '{pair}' than the results");
+                let what = format!(
+                    "pairs.csv has cameras for pair '{pair}' that differ from those of the pairs"
+                );
                 Err(changed(folder, &what))
             }
             None => Ok(()),
@@ -191,7 +192,7 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     EvaluateError::NotKept {
         folder: folder.root().to_owned(),
         reason: format!(
-            "{what} that were evaluated according to manifest.json: the file was changed; `run` with the same \
+            "{what} that were evaluated according to manifest.json, so the file was changed; `run` with the same \
              options rewrites it"
         ),
     }

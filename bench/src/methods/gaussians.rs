@@ -158,7 +158,7 @@ impl GaussianFiles {
             });
             let reason = match other.into_iter().next() {
                 None => looked,
-                Some((format, name)) => format!("{looked}, but {name} exists: {format}"),
+                Some((format, name)) => format!("{looked}, but {name} exists ({format})"),
             };
             MethodError::file(&self.dir.join(id), reason)
         })
@@ -184,7 +184,7 @@ fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String
     (is_same_size && by.iter().any(|by| by.abs() > MIN_SHIFT)).then(|| {
         format!(
             "it was predicted with the principal point ({:.1}, {:.1}), but the dataset's is \
-             ({:.1}, {:.1}): `shift={x}:{y}` corrects this",
+             ({:.1}, {:.1}); `shift={x}:{y}` corrects this",
             stored.cx, stored.cy, own.cx, own.cy
         )
     })

@@ -74,19 +74,19 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
     let (least, what, cause) = match is_pair {
         true => (
             MIN_NEAR,
-            "the pictures match each other, but not where the disparities lead",
-            "does the disparity map belong to another scene or to other pictures?",
+            "the pictures match each other, but not at the disparities",
+            "perhaps the disparity map belongs to another scene or to other pictures",
         ),
         false => (
             MIN_NEAR_OF_UNRELATED,
             "the pictures do not seem to show the same scene",
-            "is the right picture from another pair?",
+            "perhaps the right picture is from another pair",
         ),
     };
     (best.len() >= FEWEST && share < least).then(|| {
         format!(
-            "{what}: {:.0} % of {} blocks match best at their disparity (40 % or more is usual); {cause} Replace it with \
-             this pair's own",
+            "{what}: only {:.0} % of {} blocks match best at their disparity (40 % or more is usual); {cause}; if so, \
+             replace it with this pair's own",
             100.0 * share,
             best.len()
         )

@@ -21,8 +21,8 @@ pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
     let share = outside as f64 / disparities.len().max(1) as f64;
     (share > MAX_OUTSIDE).then(|| {
         format!(
-            "{:.0} % of the disparities lie outside the range from {} to {} pixels that {} states; is it the \
-             calibration of another scene or picture size? Replace it with this scene's own",
+            "{:.0} % of the disparities lie outside the range from {} to {} pixels that {} states; perhaps it is the \
+             calibration of another scene or picture size; if so, replace it with this scene's own",
             100.0 * share,
             number(low),
             number(high),
@@ -54,8 +54,8 @@ pub fn copied_calibrations(scenes: &[Scene]) -> Vec<(usize, String)> {
         for (i, (w, h)) in &sized {
             if let Some((other, (v, u))) = sized.iter().find(|(_, size)| *size != (*w, *h)) {
                 let text = format!(
-                    "the cameras are the same as those of {}, whose pictures are {v}x{u} instead of {w}x{h}; was the \
-                     calibration copied from another scene? Replace it with this scene's own",
+                    "the cameras are the same as those of {}, whose pictures are {v}x{u} instead of {w}x{h}; perhaps the \
+                     calibration was copied from another scene; if so, replace it with this scene's own",
                     scenes[*other].id
                 );
                 found.push((*i, text));

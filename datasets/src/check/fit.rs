@@ -192,7 +192,7 @@ impl Neighbours<'_> {
                     }
                     false => unexplained(format!(
                         "poses, cameras, pictures and depth are inconsistent, and no single correction that was \
-                         tried explains it: with the best one {evidence}"
+                         tried explains it (with the best one, {evidence})"
                     )),
                 })
             }

@@ -95,9 +95,11 @@ pub(super) fn contradiction(
     let judged = residuals.iter().filter(can_be_judged).count();
     let misses = worst.misses_by().map_or(String::new(), |median| {
         format!(
-            ", and depth and poses lead {} past them (the median, at a width of {WIDEST} or less; below 1 is usual)",
+            ", and depth and poses predict positions {} away from them",
             match median.is_finite() {
-                true => format!("{median:.1} pixels"),
+                true => format!(
+                    "{median:.1} pixels (the median, at a width of {WIDEST} or less; below 1 is usual)"
+                ),
                 false => "far".to_owned(),
             }
         )
@@ -105,16 +107,16 @@ pub(super) fn contradiction(
     let (what, causes) = match contradicted.all(Residual::is_on_lines) {
         true => (
             "pictures and poses fit each other, so depth does not fit them",
-            "is depth nonlinear, wrapped around, or of another source or size?",
+            "perhaps depth is nonlinear, wrapped around, or from another source or of another size",
         ),
         false => (
             "pictures and poses contradict each other",
-            "are the poses of another model, delayed, or relative to the previous frame, or were pictures repeated, cropped \
-             or turned?",
+            "perhaps the poses are from another model, delayed, or relative to the previous frame, or pictures were \
+             repeated, cropped or turned",
         ),
     };
     Some(format!(
-        "{what}, and no known correction explains it: {lines}{misses}; this holds for {n} of {judged} pairs of neighbouring views \
-         that can be judged; {causes}"
+        "{what}, and no known correction explains it; {lines}{misses}; this holds for {n} of the {judged} pairs of \
+         neighbouring views that can be judged; {causes}"
     ))
 }

@@ -225,9 +225,9 @@ impl<'a> Neighbours<'a> {
         let count = other.clone().count();
         let ((a, b), factor, _) = other.max_by(|a, b| a.1.ln().abs().total_cmp(&b.1.ln().abs()))?;
         Some(format!(
-            "exposure: {count} of {} pairs of neighbouring views differ in exposure, {} and {} by a factor of {factor:.2} in \
-             their levels; methods that keep the source's exposure lose PSNR there, so use pictures of one exposure if there \
-             are any",
+            "exposure: {count} of {} pairs of neighbouring views differ in exposure (the levels of {} and {} by a factor of \
+             {factor:.2}); methods that keep the source's exposure lose PSNR there, so use pictures of one exposure if \
+             there are any",
             compared.len(),
             self.views[*a].id,
             self.views[*b].id
@@ -281,12 +281,12 @@ impl<'a> Neighbours<'a> {
         if let Some((a, b)) = pictured {
             let [a, b] = [a, b].map(|i| &self.views[*i].id);
             return Some(format!(
-                "{a} and {b} have the same picture, {moves}; to which of the two does it belong? Replace the other's"
+                "{a} and {b} have the same picture, {moves}; replace the picture of the view to which it does not belong"
             ));
         }
         let is_one = pairs.clone().all(has_one_depth) && pairs.any(disagrees);
         is_one.then(|| {
-            format!("all views examined have the same depth map, {moves}; give each view its own")
+            format!("all views examined have the same depth map, {moves}; give each view its own depth map")
         })
     }
 

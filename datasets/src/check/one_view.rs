@@ -92,7 +92,7 @@ impl Neighbours<'_> {
                 });
                 let said = evidence(&forward(&read), &forward(&mended));
                 found.push((
-                    Change::Views(format!("{}: {what}: {said}", self.views[*i].id)),
+                    Change::Views(format!("{}: {what} ({said})", self.views[*i].id)),
                     carries.collect(),
                 ));
             }

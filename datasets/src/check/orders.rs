@@ -107,8 +107,8 @@ pub(super) fn thinned(views: &[View], noun: &str) -> Vec<(String, Assignment, us
     let strides = strides.filter(|(stride, _)| views.len() >= MIN_VIEWS.max(2 * stride));
     let all = strides.map(|(stride, which)| {
         let text = format!(
-            "the pictures fit every {which} {noun}, starting with the first, as if every {which} picture had been kept, \
-             but all {noun}s"
+            "the pictures fit every {which} {noun}, starting with the first, as if only every {which} picture had been \
+             kept, but all {noun}s"
         );
         let of: Assignment = Box::new(move |i| Some(stride * i));
         (text, of, 1)

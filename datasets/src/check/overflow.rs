@@ -23,7 +23,7 @@ pub(super) fn overflowed(views: &[View], effort: Effort) -> Option<String> {
     let mut stored = few.filter_map(|i| views[i].content.stored_depth().ok().flatten());
     let (file, _) = stored.find(|(_, map)| has_seams(map))?;
     Some(format!(
-        "{}: the depth overflowed 16 bits: surfaces that reach {} continue at 0; store it in a coarser unit or as float",
+        "{}: the depth overflowed 16 bits (surfaces that reach {} continue at 0); store it in a coarser unit or as float",
         file.display(),
         u16::MAX
     ))

@@ -29,8 +29,8 @@ fn exchanged_centres(views: &[View]) -> Option<String> {
         .filter(|_| views.iter().all(is_exchanged))?
         .intrinsics;
     Some(format!(
-        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were exchanged; are they, or is the \
-         calibration for pictures turned by 90 degrees?",
+        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were exchanged; exchange them, or use the \
+         calibration for these pictures if it is for pictures turned by 90 degrees",
         number(k.cx),
         number(k.cy),
         k.width,
@@ -94,7 +94,7 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
         let widths = k.fx / f64::from(k.width);
         (!(FOCAL.0..=FOCAL.1).contains(&widths)).then(|| {
             format!(
-                "a focal length of {} pixels is {} widths of the picture",
+                "the focal length of {} pixels is implausible, because it is {} widths of the picture",
                 number(k.fx),
                 number(widths)
             )
@@ -110,14 +110,16 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
             String::new()
         };
         let cause = calibrated_for(&view.intrinsics).map_or(
-            "another picture size or unit?".to_owned(),
+            "another picture size, or in another unit".to_owned(),
             |times| {
                 let (size, by) = (number((20.0 * times).round() / 20.0), number(1.0 / times));
-                format!("pictures {size} times as large? Multiply focal lengths and principal points by {by}")
+                format!(
+                    "pictures {size} times as large; if so, multiply focal lengths and principal points by {by}"
+                )
             },
         );
         Some(format!(
-            "{}{others}: {what}; is the calibration for {cause}",
+            "{}{others}: {what}; perhaps the calibration is for {cause}",
             view.id
         ))
     };
@@ -132,8 +134,8 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
 }
 
 /// Message for a scene whose views all look in one direction and do not fit together.
-pub(super) const ONE_ROTATION: &str = "all views have the same rotation, which does not fit the pictures; were the \
-                                       rotations lost?";
+pub(super) const ONE_ROTATION: &str = "all views have the same rotation, which does not fit the pictures; perhaps the \
+                                       rotations were lost";
 
 /// True if there are at least three views and all look in the same direction.
 pub(super) fn have_one_rotation(views: &[View]) -> bool {
@@ -175,7 +177,7 @@ pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
     let step = STEPS.into_iter().find(|step| is_multiple(*step))?;
     (step >= MIN_STEP * between).then(|| {
         format!(
-            "; every camera position is a multiple of {}, so the poses may have been rounded: store more digits",
+            "; every camera position is a multiple of {}, so the poses may have been rounded; store more digits",
             number(step)
         )
     })
@@ -186,7 +188,7 @@ pub(super) fn depth(median_m: f64, units: Units) -> Option<String> {
     let plausible = DEPTHS_M.0..=DEPTHS_M.1;
     (median_m > 0.0 && !plausible.contains(&median_m)).then(|| {
         format!(
-            "the median depth is {} m; {}",
+            "the median depth of {} m is implausible; {}",
             number(median_m),
             units.where_to_set()
         )

@@ -97,12 +97,12 @@ impl Neighbours<'_> {
         // poses.
         let has = |view: &usize| views.contains(view);
         let or = match self.carries.iter().all(|(a, b)| has(a) == has(b)) {
-            true if *what == DEPTH => format!(" (or {its} {TRANSLATION} times {inverse})"),
-            false if is_open => format!(" (or that of {} times {inverse})", ids(&others)),
+            true if *what == DEPTH => format!(", or {its} {TRANSLATION} by {inverse}"),
+            false if is_open => format!(", or that of {} by {inverse}", ids(&others)),
             _ => String::new(),
         };
         let ids = ids(&views);
-        let sentence = format!("{ids}: {its} {what} times {times} fits{or}: {said}");
+        let sentence = format!("{ids}: {its} {what} should be multiplied by {times}{or} ({said})");
         Some((Change::Views(sentence), explained))
     }
 

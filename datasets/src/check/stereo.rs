@@ -54,7 +54,7 @@ pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>,
     }
     let matches = Matches::new(views, effort);
     let exchanged = matches.exchanged();
-    let exchanged = exchanged.map(|evidence| format!("{EXCHANGED}: {evidence}"));
+    let exchanged = exchanged.map(|evidence| format!("{EXCHANGED} ({evidence})"));
     (exchanged, Some(matches.note()))
 }
 
@@ -64,15 +64,15 @@ fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Opt
     let baseline_m = baseline_m(&left.camera_from_world, &right.camera_from_world);
     if !(BASELINES_M.0..=BASELINES_M.1).contains(&baseline_m) {
         let at = median_m.map_or(String::new(), |median| {
-            format!(", and the median depth {} m", number(median))
+            format!(", with a median depth of {} m", number(median))
         });
         let unit = if baseline_m > BASELINES_M.1 {
-            "is it in millimetres?"
+            "it may be in millimetres"
         } else {
-            "is it in metres already?"
+            "it may be in metres already"
         };
         return Some(format!(
-            "the baseline is {} m{at}: {unit}",
+            "the baseline of {} m is implausible{at}; {unit}",
             number(baseline_m)
         ));
     }
@@ -82,7 +82,7 @@ fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Opt
 fn same_picture(left: &View, right: &View) -> Option<String> {
     let [a, b] = [left, right].map(|view| SmallView::new(view, false, WIDEST));
     a?.has_picture_of(&b?).then(|| {
-        "the right picture is the same as the left one; put the right camera's picture in its place".to_owned()
+        "the right picture is the same as the left one; replace it with the right camera's picture".to_owned()
     })
 }
 
@@ -125,7 +125,7 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
         let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
         (!plausible).then(|| {
             format!(
-                "the median depth is {} m; correct the baseline's unit or the calibration's size",
+                "the median depth of {} m is implausible; correct the baseline's unit or the calibration's size",
                 number(median_m)
             )
         })
@@ -263,11 +263,11 @@ impl Pair {
         let mut readings = vec![
             (EXCHANGED.to_owned(), self.explained(right, &same, stride)),
             (
-                "left and right are exchanged, including the disparities; exchange both".to_owned(),
+                "left and right are exchanged, including the disparities; exchange pictures and disparities".to_owned(),
                 self.explained(left, &negated, stride),
             ),
             (
-                "the left picture's disparity is the right one's; exchange the disparities"
+                "the left picture's disparities are those of the right picture; exchange the disparities"
                     .to_owned(),
                 self.explained(right, &negated, stride),
             ),
@@ -331,8 +331,8 @@ impl Pair {
                 );
                 readings.push((
                     format!(
-                        "disparities should be {pixels} pixels {way}: the two pictures were cropped at different \
-                         columns; crop both alike"
+                        "disparities should be {pixels} pixels {way}, because the two pictures were cropped at different \
+                         columns; crop both at the same columns"
                     ),
                     fitted,
                 ));
@@ -345,7 +345,7 @@ impl Pair {
         let product = camera.fx * baseline_m / (full * MIDDLE_UNIT_M);
         let (times, reciprocal) = fit(UNITS, &|times, d| product / (times * d) - offset);
         let how = format!(
-            "the disparity map holds depth, {} m per unit; store the disparities",
+            "the disparity map holds depth, with {} m per unit; store disparities",
             number(times * MIDDLE_UNIT_M)
         );
         if is_cause(self, &reciprocal, &|d| product / (times * d) - offset) {
@@ -353,11 +353,11 @@ impl Pair {
         }
         if is_reportable(factor) && is_cause(self, &scaled, &|d| factor * d) {
             let how = format!(
-                "disparities should be multiplied by {}: they are for another picture size or in another unit; \
+                "disparities should be multiplied by {}, because they are for another picture size or in another unit; \
                  rescale them{}",
                 number(factor),
                 if has_unit {
-                    " (in rig.txt: disparity_unit)"
+                    " with disparity_unit in rig.txt"
                 } else {
                     ""
                 }
@@ -382,7 +382,7 @@ impl Pair {
                     .map_or("nothing".to_owned(), |levels| format!("{levels:.1}"))
             };
             let (before, after) = (levels(&as_read), levels(&explained));
-            format!("{how}: colours differ by {after} levels instead of {before}")
+            format!("{how} (corrected, colours differ by {after} levels instead of {before})")
         })
     }
 }

@@ -50,7 +50,7 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
             .and_then(|(w, h)| FloatMap::from_vec(w, h, values))
             .ok_or_else(|| "the depth channel is subsampled".into());
     }
-    Err("no channel named Z, depth, V or Y, and more than one channel".into())
+    Err("there are several channels, none of which is named Z, depth, V or Y".into())
 }
 
 /// Width and height of the largest layer, from the header.

@@ -55,12 +55,12 @@ fn node(element: roxmltree::Node<'_, '_>) -> Result<Node, FormatError> {
     let side = |side: roxmltree::Node<'_, '_>| {
         let (what, text) = (side.tag_name().name(), text_of(side));
         let side = text.trim().parse::<usize>();
-        side.map_err(|_| invalid!("<{what}> of {name} is '{}'", text.trim()))
+        side.map_err(|_| invalid!("<{what}> of {name} is '{}', not a count", text.trim()))
     };
     let (rows, cols) = (side(rows)?, side(cols)?);
     let data = text_of(data)
         .split_ascii_whitespace()
-        .map(|t| number(t).ok_or_else(|| invalid!("{name} contains '{t}'")))
+        .map(|t| number(t).ok_or_else(|| invalid!("{name} contains '{t}', which is not a number")))
         .collect::<Result<Vec<_>, _>>()?;
     if rows.checked_mul(cols) != Some(data.len()) {
         let entries = data.len();

@@ -70,11 +70,16 @@ fn read_faces(
     body.rows(element, |row| {
         let corners = list.map_or(&[][..], |list| row.property(list));
         if corners.len() > MAX_CORNERS {
-            return Err(invalid!("a face has {} corners", corners.len()));
+            return Err(invalid!(
+                "a face has {} corners, but at most {MAX_CORNERS} are supported",
+                corners.len()
+            ));
         }
         let range = 0.0..=f64::from(u32::MAX);
         if let Some(corner) = corners.iter().find(|i| !range.contains(*i)) {
-            return Err(invalid!("a face names vertex {corner}"));
+            return Err(invalid!(
+                "a face refers to vertex {corner}, which cannot exist"
+            ));
         }
         for pair in corners.get(1..).unwrap_or_default().windows(2) {
             triangles.push([corners[0], pair[0], pair[1]].map(|i| i as u32));

@@ -54,7 +54,9 @@ pub fn parse_log(text: &str) -> Result<Log, FormatError> {
         let index = if says_nothing { i as f64 } else { block[0] };
         // Beyond 2^53, f64 cannot represent every integer.
         if !(0.0..=9e15).contains(&index) {
-            return Err(invalid!("block {i} states the index {index}"));
+            return Err(invalid!(
+                "block {i} states the index {index}, which is negative or too large"
+            ));
         }
         if by_index.insert(index as i64, block).is_some() {
             return Err(invalid!("two blocks state the index {index}"));
@@ -85,7 +87,7 @@ pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, FormatError> {
             let row = numbers(line).map_err(|e| invalid!("row {}: {e}", i + 1))?;
             if row.len() != 17 || row[0].fract() != 0.0 {
                 return Err(invalid!(
-                    "row {} has {} numbers; expected a frame number and 16 of its pose",
+                    "row {} has {} numbers; expected 17, an integer frame number and the 16 of its pose",
                     i + 1,
                     row.len()
                 ));
@@ -116,7 +118,7 @@ impl SimilarityTransform {
         let determinant = affine.matrix3.determinant();
         if determinant <= 0.0 || !determinant.is_finite() {
             return Err(invalid!(
-                "the determinant of the similarity is {determinant}, not above zero"
+                "the determinant of the similarity is {determinant}, but must be above zero"
             ));
         }
         let scale = determinant.cbrt();
@@ -147,7 +149,7 @@ impl SimilarityTransform {
 /// Not 16 numbers, or not a similarity.
 pub fn parse_similarity(text: &str) -> Result<SimilarityTransform, FormatError> {
     let row = <[f64; 16]>::try_from(numbers(text)?);
-    let row = row.map_err(|row| invalid!("{} numbers instead of 16", row.len()))?;
+    let row = row.map_err(|row| invalid!("there are {} numbers instead of 16", row.len()))?;
     SimilarityTransform::from_row_major(&row)
 }
 

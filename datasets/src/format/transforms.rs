@@ -93,7 +93,7 @@ pub fn parse(text: &str) -> Result<Transforms, FormatError> {
         Some(value) => value
             .as_f64()
             .filter(|s| *s > 0.0)
-            .ok_or_else(|| invalid!("applied_scale is {value}"))?,
+            .ok_or_else(|| invalid!("applied_scale is {value}, not a number above zero"))?,
     };
     Ok(Transforms {
         frames: read(frames)?,
@@ -220,8 +220,8 @@ impl JsonFrame {
             }
             match raw.number(angle_key)? {
                 Some(angle) if !(angle > 0.0 && angle < std::f64::consts::PI) => Err(invalid!(
-                    "'{angle_key}' is {angle}, but angles of view are in radians, between 0 and 3.14; in degrees it \
-                     would be {:.4}",
+                    "'{angle_key}' is {angle}, but angles of view are in radians, between 0 and 3.14; if it is in \
+                     degrees, write {:.4}",
                     angle.to_radians()
                 )),
                 angle => Ok(angle.map(|angle| 0.5 * side / (0.5 * angle).tan())),
@@ -233,7 +233,7 @@ impl JsonFrame {
             (Some(fx), Some(fy)) => (fx, fy),
             (Some(f), None) | (None, Some(f)) => (f, f),
             (None, None) => {
-                return Err("neither 'fl_x' nor 'camera_angle_x': no focal length".into());
+                return Err("there is no focal length, neither 'fl_x' nor 'camera_angle_x'".into());
             }
         };
         let center = (

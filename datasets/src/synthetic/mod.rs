@@ -79,8 +79,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::choice(
             "world",
-            "kind of world (classic: a fixed layout; varied: everything from the seed; reflective: varied, with mirrors \
-             and glass)",
+            "kind of world",
             &[
                 choice(
                     "classic",
@@ -104,7 +103,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             &[
                 choice(
                     "none",
-                    "cameras on rings around the first one, all pairs by overlap",
+                    "cameras on rings around the first one; all pairs with enough overlap",
                 ),
                 choice("translation", "the target's camera moves to the right"),
                 choice(
@@ -120,7 +119,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "step",
-            "size of a sweep's steps, which are one fewer than its views: metres (auto: 0.05; at most 10 in \
+            "size of each step of a sweep, which has one step fewer than views: in metres (auto: 0.05; at most 10 in \
              total), degrees (auto: 2; at most 90 in total) or posts (auto: 1; at most 15 in total)",
             "auto",
         ),

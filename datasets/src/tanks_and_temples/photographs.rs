@@ -87,7 +87,7 @@ impl ScenePhotographs {
                 )
             })
             .collect();
-        notes.extend(leading_out.map(|error| format!("{name}: not read: {error}")));
+        notes.extend(leading_out.map(|error| format!("{name}: a folder was not read ({error})")));
         Ok(Self {
             folder,
             files,
@@ -114,7 +114,7 @@ impl ScenePhotographs {
         let (least, most) = bounds.map_or((0, 0), |((least, _), (most, _))| (*least, *most));
         let counts = || {
             format!(
-                "{} pictures numbered {least} to {most} in {}, but {} blocks with the indices {} to {last}",
+                "there are {} pictures numbered {least} to {most} in {}, but {} blocks with the indices {} to {last}",
                 numbered.len(),
                 self.folder.display(),
                 log.blocks.len(),
@@ -125,14 +125,14 @@ impl ScenePhotographs {
             (0, _) if most == last => 0,
             (0, _) => {
                 return Err(format!(
-                    "{}: the poses cannot be assigned; number the pictures from 1 (block 0 belongs to picture 1), or \
+                    "{}, so the poses cannot be assigned; number the pictures from 1 (block 0 belongs to picture 1), or \
                      from 0 to the last block",
                     counts()
                 ));
             }
             (_, Some(1)) if most == last => {
                 return Err(format!(
-                    "{}: blocks are numbered from 1; block k must belong to picture k + 1, so numbering must start at 0",
+                    "{}; number the blocks from 0, because block k belongs to picture k + 1",
                     counts()
                 ));
             }
@@ -185,7 +185,7 @@ impl ScenePhotographs {
                 .filter_map(|file| Some(file.file_name()?.to_string_lossy().into_owned()))
                 .collect();
             return Err(format!(
-                "{count} pictures in {}, but {blocks} blocks (the last has the index {last}), and no picture has a \
+                "there are {count} pictures in {}, but {blocks} blocks (the last has the index {last}), and no picture has a \
                  number as its name ({}), so the poses cannot be assigned; remove files that do not belong there, or \
                  name the pictures 000001, 000002 and so on, with block 0 for 000001",
                 self.folder.display(),

@@ -345,7 +345,7 @@ fn pictures_made_again_are_not_averaged_with_those_before() {
     let said = run("--limit 1");
     said.is_error_with(&[
         "'imported'",
-        "another file of its own",
+        "an input file of the method has changed",
         "choose another folder",
     ]);
     assert_eq!(case.scores("r", "psnr"), before);
@@ -382,7 +382,7 @@ fn gaussians_of_one_source_are_one_file() {
     case.run("sharp-bench merge a b --out m2").is_error_with(&[
         "'gaussians'",
         "view_00",
-        "another file",
+        "a different file",
     ]);
-    run("2", "a").is_error_with(&["another file of its own"]);
+    run("2", "a").is_error_with(&["an input file of the method has changed"]);
 }

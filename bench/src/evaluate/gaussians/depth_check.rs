@@ -60,7 +60,7 @@ pub(super) fn depth_doubt(
     if of_inverse * INVERSE_SIGNIFICANCE < spread {
         let text = format!(
             "its Gaussians are far where the dataset's depth is near, and near where it is far \
-             ({id}): inverse depth was probably mistaken for depth, which no setting corrects"
+             ({id}), so inverse depth was probably mistaken for depth, which no setting corrects"
         );
         return Some((None, text));
     }
@@ -68,13 +68,13 @@ pub(super) fn depth_doubt(
     for (of_ray, what) in [
         (
             1.0,
-            "too far away towards the picture's edges by the factor √(1 + x² + y²): ray lengths were probably \
-             mistaken for depths",
+            "too far away towards the picture's edges by the factor √(1 + x² + y²), probably because ray lengths \
+             were mistaken for depths",
         ),
         (
             -1.0,
-            "too near towards the picture's edges by the factor √(1 + x² + y²): depths were probably mistaken for \
-             ray lengths",
+            "too near towards the picture's edges by the factor √(1 + x² + y²), probably because depths were \
+             mistaken for ray lengths",
         ),
     ] {
         // Correcting fully must leave less spread than no correction, half of it, or one and a half times as much.
@@ -92,7 +92,7 @@ pub(super) fn depth_doubt(
     is_unit.then(|| {
         let factor = (-middle).exp();
         let text = format!(
-            "its Gaussians are {factor:.3} times as far away as the dataset's depth ({id}): use `scale={}`, or \
+            "its Gaussians are {factor:.3} times as far away as the dataset's depth ({id}); use `scale={}`, or \
              `depth=privileged` if each source has its own unit",
             rounded(scale / factor)
         );

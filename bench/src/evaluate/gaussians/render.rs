@@ -164,7 +164,7 @@ pub(in crate::evaluate) fn far_moved(
     (turned > FAR_TURNED || moved > FAR_MOVED * depth).then(|| {
         let text = format!(
             "align=pose moved a target's camera by {moved:.3} m and {turned:.1}° ({pair_id}), which is too large for \
-             a correction: the scene may have another origin or unit"
+             a correction; the scene may have another origin or unit"
         );
         ("pose".to_owned(), text)
     })

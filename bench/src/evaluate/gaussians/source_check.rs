@@ -233,7 +233,7 @@ pub(in crate::evaluate) fn absurd_coverage(
     };
     let text = format!(
         "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), \
-         which takes very long to render; are the scales {cause}? ({})",
+         which takes very long to render ({}); perhaps the scales are {cause}",
         seen.layers,
         middle.unwrap_or_default(),
         source.id
@@ -355,16 +355,16 @@ impl<'a> Findings<'a> {
             _ if let Some(fit) = &self.inverse => (
                 "pose",
                 format!(
-                    "{shown}; with the inverse of its pose: {:.2} dB: they were moved to world space with the \
-                     world-to-camera extrinsics, which no setting corrects; use camera-to-world",
+                    "{shown}; with the inverse of its pose, they show it at {:.2} dB, because they were moved to world \
+                     space with the world-to-camera extrinsics, which no setting corrects; use camera-to-world",
                     fit.psnr()
                 ),
             ),
             _ if let Some((degrees, fit)) = &self.turned => (
                 "rotations",
                 format!(
-                    "{shown}; with their quaternions turned by {degrees:.0}°: {:.2} dB: their means were turned \
-                     without their quaternions, which no setting corrects; turn both",
+                    "{shown}; with their quaternions turned by {degrees:.0}°, they show it at {:.2} dB, because their \
+                     means were turned without their quaternions, which no setting corrects; turn both",
                     fit.psnr()
                 ),
             ),
@@ -395,12 +395,15 @@ impl<'a> Findings<'a> {
                     && fit.psnr() < self.compared.psnr() + WEAK_DB;
                 let holes = match may_cover && self.holes >= MIN_HOLES {
                     true => format!(
-                        " and leave {:.0} % of its pixels empty (were Gaussians removed?)",
+                        " and leave {:.0} % of its pixels empty (perhaps Gaussians were removed)",
                         100.0 * self.holes
                     ),
                     false => String::new(),
                 };
-                let text = format!("{shown}{holes}; with {named}: {:.2} dB", fit.psnr());
+                let text = format!(
+                    "{shown}{holes}; with {named}, they show it at {:.2} dB",
+                    fit.psnr()
+                );
                 return Some((half.map_or("reading", String::as_str).to_owned(), text));
             }
             (_, Some(other)) => ("view", other.sentence(shown)),
@@ -409,8 +412,8 @@ impl<'a> Findings<'a> {
             {
                 let text = format!(
                     "its Gaussians leave {:.0} % of the photograph they were predicted from empty, in large parts full \
-                     of detail ({}): is a part of the file missing? If it shows only an object or a crop, give the \
-                     dataset masks of it",
+                     of detail ({}); perhaps a part of the file is missing, but if it shows only an object or a crop, \
+                     give the dataset masks of it",
                     100.0 * missing,
                     self.id
                 );
@@ -427,12 +430,12 @@ impl<'a> Findings<'a> {
                 && let Some((contrast, fitted)) = self.as_read.contrast() =>
             {
                 let cause = match SQUARED_CONSTANT.contains(&contrast) {
-                    true => "as if `f_dc` had been multiplied by 0.282 instead of divided",
-                    false => "were they stored in another form?",
+                    true => "perhaps `f_dc` was multiplied by 0.282 instead of divided",
+                    false => "perhaps colours were stored in another form",
                 };
                 let text = format!(
-                    "{shown}, with {} times the photograph's contrast; after correcting brightness and contrast: \
-                     {fitted:.2} dB; {cause}",
+                    "{shown}, with {} times the photograph's contrast; with brightness and contrast corrected, they show \
+                     it at {fitted:.2} dB; {cause}",
                     rounded(contrast)
                 );
                 ("contrast", text)
@@ -464,10 +467,10 @@ fn add_doubts(
     let found = Findings::of(prediction, reading, seen, trial, &elsewhere)?;
     let with_widths = |factor: f64, fit: &Likeness| {
         format!(
-            "{}, and with standard deviations {} times as wide: {:.2} dB",
+            "{}, and at {:.2} dB with standard deviations {} times as wide",
             found.shown,
-            rounded(factor),
-            fit.psnr()
+            fit.psnr(),
+            rounded(factor)
         )
     };
     let other_widths = || -> Result<Option<String>, RenderError> {
@@ -479,8 +482,8 @@ fn add_doubts(
         let widths = trial.other_widths(gaussians, reading, &found.compared, seen.is_blurred)?;
         Ok(widths.filter(|(_, fit)| found.is_best(fit)).map(|(factor, fit)| {
             format!(
-                "{}: were the means scaled without the standard deviations, or the standard deviations written in \
-                 another form? No setting corrects this; write both in the same unit",
+                "{}; perhaps the means were scaled without the standard deviations, or the standard deviations were \
+                 written in another form; no setting corrects this, so write both in the same unit",
                 with_widths(factor, &fit)
             )
         }))
@@ -512,8 +515,8 @@ fn add_doubts(
             && let Some(fit) = trial.fit_with_widths(gaussians, factor, reading, compared)?
         {
             text += &format!(
-                "; but only their means have that unit: {}; `scale=` multiplies both, so write the file with both in \
-                 one unit",
+                "; but only their means have that unit, because {}; `scale=` multiplies means and standard deviations, so \
+                 write the file with both in one unit",
                 with_widths(factor, &fit)
             );
         }
