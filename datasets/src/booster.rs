@@ -267,7 +267,7 @@ impl BoosterRig {
     }
 }
 
-/// fx, fy, cx, cy of the first of these matrices that exists.
+/// fx, fy, cx and cy from the matrix named `projection` or, if there is none, `intrinsic`.
 fn camera(
     storage: &FileStorage,
     projection: &str,

@@ -34,7 +34,7 @@ pub(crate) struct CameraSizes {
     /// True if the format has [`CAMERA_SIZE`].
     pub(crate) is_offered: bool,
     rules: PictureRules,
-    /// Number of scaled cameras, by the camera's size and the picture's.
+    /// Number of scaled cameras, keyed by the camera's size and the picture's.
     scaled: BTreeMap<(PixelSize, PixelSize), usize>,
 }
 
@@ -88,7 +88,7 @@ impl CameraSizes {
             .map_err(|source| DatasetError::camera(image, source))
     }
 
-    /// One note per pair of sizes.
+    /// Notes on the scaled cameras, one for each pair of sizes.
     pub(crate) fn notes(&self) -> Vec<String> {
         self.scaled
             .iter()

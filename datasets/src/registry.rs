@@ -29,7 +29,7 @@ pub static ENTRIES: [&DatasetEntry; 11] = [
 /// Looks up the entry of a format.
 ///
 /// # Errors
-/// [`DatasetError::UnknownFormat`].
+/// [`DatasetError::UnknownFormat`] if there is no such format.
 pub fn entry(format: &str) -> Result<&'static DatasetEntry, DatasetError> {
     let found = ENTRIES.into_iter().find(|entry| entry.format == format);
     found.ok_or_else(|| DatasetError::UnknownFormat {

@@ -297,7 +297,7 @@ fn unused(folder: &Path, used: &BTreeSet<PathBuf>, depth: usize, into: &mut Vec<
 
 const MAPS: [&str; 4] = ["npy", "npz", "exr", "pfm"];
 
-/// Leading path components that two folders share.
+/// The leading path components that two folders share.
 fn common_folders<'a>(a: &'a str, b: &str) -> &'a str {
     let mut length = 0;
     for (i, (x, y)) in a.split('/').zip(b.split('/')).enumerate() {

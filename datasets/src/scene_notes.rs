@@ -24,10 +24,10 @@ const DEEP: usize = 4;
 /// Brightest level, of 255, of 16-bit pictures that hold 14-bit values. Pictures with values of 8 to 12 bits are
 /// refused when they are read.
 const UNSCALED: std::ops::RangeInclusive<u8> = 16..=64;
-/// Minimum fraction of the pixels that a plausible mask keeps: most masks exclude a person, a sky or a logo.
+/// Masks are plausible if they keep at least this fraction of the pixels: most exclude a person, a sky or a logo.
 const MIN_LEFT: f64 = 0.2;
 
-/// Maximum fraction of pixels that are neither black nor white; masks with more are reported.
+/// Masks are reported if more than this fraction of their pixels are neither black nor white.
 const MAX_GREY: f64 = 0.005;
 
 /// A note on masks next to the pictures that are not read; `hint` explains how to read them.

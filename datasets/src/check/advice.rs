@@ -1,5 +1,7 @@
 //! Sentences about a better-fitting interpretation, with the setting that selects it.
 
+use std::ops::RangeInclusive;
+
 use glam::DVec2;
 
 use super::change::{Change, Focal, Moves};
@@ -8,7 +10,7 @@ use super::small_view::Part;
 use crate::{DatasetSpec, View};
 
 /// Plausible range of scene depths, in metres.
-pub(super) const DEPTHS_M: (f64, f64) = (0.05, 2000.0);
+pub(super) const DEPTHS_M: RangeInclusive<f64> = 0.05..=2000.0;
 
 /// Facts about a dataset that advice depends on: its settings for units, whether it has a setting
 /// for masks, and how it stores poses.
@@ -72,7 +74,7 @@ impl Units {
     }
 }
 
-/// A sentence on an interpretation that fits better than the dataset reader's own.
+/// A sentence on a `change` to the dataset reader's interpretation that fits better, with the `evidence`.
 pub(super) fn sentence(
     change: &Change,
     evidence: &str,
@@ -242,7 +244,7 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     let depth = units
         .depth_unit
         .map(|unit| format!("depth-unit={}", number(unit / scale)));
-    let is_plausible = |depth: f64| (DEPTHS_M.0..=DEPTHS_M.1).contains(&depth);
+    let is_plausible = |depth: f64| DEPTHS_M.contains(&depth);
     let depth = depth.filter(|_| is_plausible(median_m / scale));
     let alone = |fits: String| (fits, String::new());
     match (poses, depth) {
@@ -260,7 +262,7 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     }
 }
 
-/// The numbers that show how much better another interpretation fits neighbouring views.
+/// Text with the numbers that show how much better another interpretation fits neighbouring views.
 pub(super) fn evidence(as_read: &Explained, other: &Explained) -> String {
     let mut parts = Vec::new();
     let [after, before] = [other, as_read].map(|read| format!("{:.1}", 100.0 * read.agreement()));
@@ -278,7 +280,7 @@ pub(super) fn evidence(as_read: &Explained, other: &Explained) -> String {
     parts.join(", ")
 }
 
-/// At most four digits, without trailing zeros.
+/// Formats a number with at most four digits, without trailing zeros.
 pub(super) fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();

@@ -6,18 +6,18 @@ use super::small_view::{Grey, Sample};
 const RADIUS: u32 = 3;
 /// Maximum number of blocks examined; only those with enough contrast are compared.
 const BLOCKS: usize = 1500;
-/// Minimum standard deviation of a block, in levels.
+/// Blocks are compared only if their standard deviation is at least this, in levels.
 const MIN_CONTRAST: f32 = 8.0;
-/// Maximum distance of the best match from its disparity, in reduced pixels.
+/// Up to this distance from the disparity, in reduced pixels, a best match counts as being at the disparity.
 const NEAR: f64 = 1.0;
-/// Minimum number of blocks to judge a pair.
+/// A pair is judged only if at least this many blocks were compared.
 const FEWEST: usize = 200;
-/// Minimum fraction of blocks that match best near their disparity. In consistent pairs it is 0.4 to 0.9, also with
+/// A pair is reported if less than this fraction of its blocks match best at their disparity. In consistent pairs it is 0.4 to 0.9, also with
 /// different exposures; with another scene's disparities it is below 0.2.
 const MIN_NEAR: f64 = 0.3;
-/// Minimum median correlation of the best matches of two pictures of one scene.
+/// From this median correlation of the best matches on, two pictures count as showing one scene.
 const MIN_RELATED: f32 = 0.8;
-/// Minimum of the same fraction for pictures below [`MIN_RELATED`]; blocks of unrelated pictures
+/// [`MIN_NEAR`] for pictures below [`MIN_RELATED`]; blocks of unrelated pictures
 /// match equally well anywhere.
 const MIN_NEAR_OF_UNRELATED: f64 = 0.12;
 
@@ -38,7 +38,7 @@ fn block(picture: &Grey, x: i64, y: i64) -> Option<(Vec<f32>, f32)> {
     length.is_finite().then_some((levels, length))
 }
 
-/// Reports a contradiction if the pictures do not match where the disparities lead. `samples` hold disparities in place
+/// Reports a contradiction if the pictures do not match at the disparities. `samples` hold disparities in place
 /// of depth.
 pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<String> {
     let mut disparities: Vec<f64> = samples.iter().map(|sample| sample.depth).collect();

@@ -4,7 +4,8 @@
 
 use serde::Serialize;
 
-/// Minimum fraction of overlapping depths that must agree in at least one pair of neighbours. Occlusion reduces it even
+/// Poses and depth are consistent if at least this fraction of the overlapping depths agree in one pair of neighbours.
+/// Occlusion reduces it even
 /// for correct poses; in wrongly interpreted real frames, a fifth agree.
 const MIN_AGREEING: f64 = 0.3;
 
@@ -28,8 +29,7 @@ pub struct Consistency {
     pub as_read: Fit,
     /// With other conventions that are commonly confused with the reader's.
     pub otherwise: Vec<Fit>,
-    /// In the best pair: of the depth values that land on a pixel with depth in the other view, the
-    /// fraction that agree. `None` if too few values land there (neighbours that see different
+    /// Of the depth values that land on a pixel with depth in the other view, the fraction that agree, in the best pair. `None` if too few values land there (neighbours that see different
     /// things, or sparse depth).
     pub meeting: Option<f64>,
     /// Number of pairs of views that were examined.

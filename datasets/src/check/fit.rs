@@ -19,18 +19,18 @@ use super::small_view::{FLIPS, Part, SmallView, WIDEST};
 
 /// Number of steps in each direction in the search for the principal point.
 const CENTRES: i32 = 10;
-/// Ratio of the factors tried; an offset, in widths of the picture, is a tenth of a factor's logarithm.
+/// Ratio between consecutive factors in that search; an offset, in widths of the picture, is a tenth of a factor's logarithm.
 const CENTRE_STEP: f64 = 1.12;
 /// Number of searches per axis; a search continues where the one before ended, if that was at the end of its range.
 const CENTRE_SEARCHES: usize = 3;
-/// Minimum offset of a principal point that is reported, in widths.
+/// Smaller offsets of a principal point are not reported, in widths.
 const MIN_OFF: f64 = 0.004;
 
-/// Colour differences up to this count as explained, as a fraction of those between unrelated places.
+/// Colour differences count as explained up to this fraction of those between unrelated places.
 const WELL: f64 = 0.8;
-/// Factor to which an interpretation must reduce colour differences above [`WELL`].
+/// An interpretation must reduce colour differences above [`WELL`] to this fraction or less.
 const MUCH_LESS: f64 = 0.75;
-/// Colour differences above this are never explained, as a fraction of those between unrelated places.
+/// Colour differences above this multiple of those between unrelated places are never explained.
 const UNRELATED: f64 = 1.0;
 /// If more than this fraction of the loss remains, rounded poses are the more likely cause.
 const HARDLY_LESS: f64 = 0.75;
@@ -43,7 +43,8 @@ const LESS: f64 = 0.6;
 const FINE_SAMPLES: usize = 800;
 
 impl Neighbours<'_> {
-    /// The interpretation that explains the views best, if significantly better than the dataset reader's own.
+    /// The interpretation that explains the views best; `None` unless it is significantly better than the dataset
+    /// reader's own.
     pub(super) fn better(&self, units: Units) -> Option<Better> {
         let as_read = self.explained(&Reading::AS_READ, self.stride);
         let mut all: Vec<(Change, Vec<Explained>)> = Vec::new();

@@ -6,18 +6,18 @@ use super::features::Matches;
 use super::neighbours::Neighbours;
 use super::small_view::WIDEST;
 
-/// Minimum median distance of matches from their predicted places, in reduced pixels, in a pair of views that depth
-/// contradicts; [`MAX_CLOSE`] must hold, too. Consistent scenes have medians below 1.
+/// Depth contradicts a pair of views if the median distance of matches from their predicted places is at least this, in
+/// reduced pixels, and [`MAX_CLOSE`] holds, too. Consistent scenes have medians below 1.
 const MIN_MISS: f64 = 2.5;
-/// Maximum fraction of matches within [`CLOSE`] of their predicted places in such a pair. Consistent scenes have
-/// fractions above 0.8.
+/// In such a pair, at most this fraction of the matches are within [`CLOSE`] of their predicted places. Consistent scenes
+/// have fractions above 0.8.
 const MAX_CLOSE: f64 = 0.35;
-/// Distance of a match that is close to its predicted place, in reduced pixels.
+/// A match is close to its predicted place if their distance is below this, in reduced pixels.
 const CLOSE: f64 = 2.0;
-/// Maximum fraction of matches near their epipolar lines if poses and pictures contradict each other. Even the lines of
-/// unrelated poses pass near some matches.
+/// Poses and pictures contradict each other if at most this fraction of the matches are near their epipolar lines. Even
+/// the lines of unrelated poses pass near some matches.
 const MAX_NEAR_LINES: f64 = 0.35;
-/// Minimum fraction of matches on their epipolar lines if poses and pictures agree.
+/// Poses and pictures agree if at least this fraction of the matches are on their epipolar lines.
 const MIN_ON_LINES: f64 = 0.8;
 
 /// Measures how well poses, cameras and depth predict the features that match between a view and the next.
@@ -54,7 +54,7 @@ impl Residual {
         self.on_lines as f64 >= MIN_ON_LINES * self.matches as f64
     }
 
-    /// Median distance from the predicted places, if too large.
+    /// Median distance of matches from their predicted places; `None` unless it is too large.
     fn misses_by(&self) -> Option<f64> {
         let n = self.misses.len();
         let median = *self.misses.get(n / 2).filter(|_| n >= MIN_MATCHES)?;

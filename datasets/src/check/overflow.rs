@@ -7,14 +7,14 @@ use crate::view::evenly_spaced;
 
 /// Number of 16-bit values.
 const WRAP: f64 = 65536.0;
-/// Minimum difference of adjacent values that may be an overflow.
+/// Adjacent values may be an overflow if they differ by more than this.
 const MIN_JUMP: f64 = WRAP / 2.0;
-/// Maximum relative difference between a value after a jump, with the lost bit restored, and the continuation of the
-/// values before it.
+/// A surface continues across a jump if the value after it, with the lost bit restored, differs by at most about this
+/// from the continuation of the values before it, relatively.
 const NEAR: f64 = 0.01;
-/// Minimum number of jumps across which the surface continues.
+/// A map overflowed only if the surface continues across at least this many jumps.
 const MIN_SEAMS: usize = 16;
-/// Minimum fraction of jumps across which the surface continues, among all jumps.
+/// A map overflowed only if the surface continues across at least this fraction of all jumps.
 const MIN_SHARE: f64 = 0.15;
 
 /// A sentence on the first of a few views whose depth map overflowed. Files that cannot be read are reported elsewhere.

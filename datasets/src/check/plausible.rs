@@ -1,5 +1,7 @@
 //! Detection of implausible values.
 
+use std::ops::RangeInclusive;
+
 use glam::DVec3;
 use sharp::camera::{Intrinsics, baseline_m};
 
@@ -7,12 +9,12 @@ use super::advice::{DEPTHS_M, Units, number};
 use crate::View;
 
 /// Plausible focal lengths, in widths of the picture.
-const FOCAL: (f64, f64) = (0.2, 20.0);
-/// Maximum distance of the principal point from the centre, in widths and heights of the picture. A centred point that
+const FOCAL_WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
+/// A principal point is implausible farther than this from the centre, in widths and heights of the picture. A centred point that
 /// was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
-/// Maximum distance of the principal point from the centre, in widths and heights, at which it counts as centred.
+/// A principal point counts as centred up to this distance from the centre, in widths and heights of the picture.
 const MIDDLE: f64 = 0.03;
 
 /// Detects principal points that are centred only if x and y are exchanged, in all views. One crop may have such a
@@ -92,7 +94,7 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
     let focal = |view: &View| {
         let k = &view.intrinsics;
         let widths = k.fx / f64::from(k.width);
-        (!(FOCAL.0..=FOCAL.1).contains(&widths)).then(|| {
+        (!FOCAL_WIDTHS.contains(&widths)).then(|| {
             format!(
                 "the focal length of {} pixels is implausible, because it is {} widths of the picture",
                 number(k.fx),
@@ -146,11 +148,12 @@ pub(super) fn have_one_rotation(views: &[View]) -> bool {
 
 /// Steps to which positions are rounded, in the poses' unit.
 const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
-/// Maximum distance from a multiple of the step, as a fraction of the step.
+/// A coordinate counts as a multiple of a step if it is off by less than this fraction of the step.
 const OFF_STEP: f64 = 1e-3;
-/// Minimum number of the positions' coordinates that are not 0.
+/// Rounding is judged only if at least this many coordinates of the positions are not 0.
 const MIN_COORDINATES: usize = 3;
-/// Minimum step, as a fraction of the median distance between neighbouring views; a smaller one matters little.
+/// A step is reported only if it is at least this fraction of the median distance between neighbouring views; a smaller
+/// one matters little.
 const MIN_STEP: f64 = 0.02;
 
 /// An addition to the report of a contradiction without a known cause, if poses seem to have been rounded.
@@ -185,8 +188,7 @@ pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
 
 /// Reports an implausible median depth.
 pub(super) fn depth(median_m: f64, units: Units) -> Option<String> {
-    let plausible = DEPTHS_M.0..=DEPTHS_M.1;
-    (median_m > 0.0 && !plausible.contains(&median_m)).then(|| {
+    (median_m > 0.0 && !DEPTHS_M.contains(&median_m)).then(|| {
         format!(
             "the median depth of {} m is implausible; {}",
             number(median_m),

@@ -31,8 +31,8 @@ const QUANTITIES: [Quantity; 3] = [
     }),
 ];
 
-/// A factor of some views is equivalent to its inverse in all others. The others are reported, too, if the loss with them
-/// corrected is at most this multiple of the least loss.
+/// A factor of some views is equivalent to its inverse in all others. The others are named as an alternative if correcting
+/// them leaves at most this multiple of the least loss.
 const AS_GOOD: f64 = 1.1;
 /// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;

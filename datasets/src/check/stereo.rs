@@ -14,7 +14,7 @@ use super::{Effort, block_match, calibration};
 use crate::View;
 
 /// Plausible distances between the two cameras of a pair, in metres.
-const BASELINES_M: (f64, f64) = (1e-3, 10.0);
+const BASELINES_M: RangeInclusive<f64> = 1e-3..=10.0;
 /// Number of horizontal bands of a picture; each has [`TILES`] tiles whose losses are compared separately.
 const BANDS: u32 = 4;
 /// Row offsets that are tested in both directions, in pixels of the reduced size; less than one pixel of the photograph
@@ -22,12 +22,12 @@ const BANDS: u32 = 4;
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 /// Maximum offset of disparities that is tested in both directions, in pixels of the reduced size.
 const OFFSETS: i32 = 40;
-/// Minimum offset of disparities that is reported, in pixels of the photograph.
+/// Smaller offsets of disparities are not reported, in pixels of the photograph.
 const MIN_OFFSET: f64 = 2.0;
 
 /// Middle of the units tested for depth maps stored as disparities, in metres.
 const MIDDLE_UNIT_M: f64 = 0.03;
-/// Number of tested units in either direction and the ratio between them: from 0.1 mm to 10 m. A larger step would
+/// Number of units tested in either direction, then the ratio between them: from 0.1 mm to 10 m. A larger step would
 /// change disparities by too many pixels where the principal points differ much.
 const UNITS: (i32, f64) = (195, 1.03);
 /// Number of rotations of the right picture that are tested in either direction.
@@ -62,11 +62,11 @@ const EXCHANGED: &str = "left and right are exchanged; exchange the pictures";
 
 fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Option<String> {
     let baseline_m = baseline_m(&left.camera_from_world, &right.camera_from_world);
-    if !(BASELINES_M.0..=BASELINES_M.1).contains(&baseline_m) {
+    if !BASELINES_M.contains(&baseline_m) {
         let at = median_m.map_or(String::new(), |median| {
             format!(", with a median depth of {} m", number(median))
         });
-        let unit = if baseline_m > BASELINES_M.1 {
+        let unit = if baseline_m > *BASELINES_M.end() {
             "it may be in millimetres"
         } else {
             "it may be in metres already"
@@ -122,7 +122,7 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
     };
     let mismatch = || pair.mismatch(&|d| d).filter(|_| is_rectified(left, right));
     better.or_else(mismatch).or_else(out_of_range).or_else(|| {
-        let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
+        let plausible = DEPTHS_M.contains(&median_m);
         (!plausible).then(|| {
             format!(
                 "the median depth of {} m is implausible; correct the baseline's unit or the calibration's size",
@@ -230,7 +230,7 @@ impl Pair {
         block_match::mismatch(&left, &right, &samples.collect::<Vec<_>>())
     }
 
-    /// Interpretation that explains the pictures significantly better than the pair as read. `flipped` are pairs with
+    /// A sentence on the interpretation that explains the pictures significantly better than the pair as read, if any. `flipped` are pairs with
     /// flipped disparities; `full` is the photographs' size relative to the reduced ones. `has_unit` is true if a
     /// setting gives the disparities' unit.
     fn better(

@@ -311,7 +311,7 @@ impl NpyType {
 /// Writes a map as a little-endian f32 `.npy` of shape (height, width).
 ///
 /// # Errors
-/// [`DatasetError::Io`].
+/// If the file cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     std::fs::write(path, to_bytes(map)).map_err(|e| DatasetError::io(path, e))
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::FormatError;
 
-/// Top level of a storage: values by element name.
+/// Top level of a storage: values, keyed by the name of their element.
 pub type FileStorage = BTreeMap<String, Node>;
 
 /// A value in a storage.

@@ -89,7 +89,7 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
 /// Writes a one-channel little-endian PFM file.
 ///
 /// # Errors
-/// [`DatasetError::Io`].
+/// If the file cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     std::fs::write(path, bytes(map)).map_err(|e| DatasetError::io(path, e))
 }

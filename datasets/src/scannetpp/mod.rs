@@ -332,7 +332,7 @@ enum DepthFrom {
     None,
     Rendered(PathBuf),
     Mesh(ScanFile),
-    /// Points, and the ids of the model's images by name.
+    /// Points, and the ids of the model's images, keyed by the frame's id.
     Points(PointTracks, Vec<(String, u32)>),
 }
 

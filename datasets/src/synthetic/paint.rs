@@ -38,7 +38,7 @@ enum Pattern {
 #[derive(Debug, Clone)]
 pub(super) struct Paint {
     seed: u64,
-    /// Albedo, 0..1.
+    /// The two colours of the pattern: albedo, 0..1 per channel.
     colors: [DVec3; 2],
     pattern: Pattern,
     /// Size of the pattern's elements in metres.

@@ -30,7 +30,7 @@ pub(super) enum SweepKind {
 }
 
 impl SweepKind {
-    /// The sweep requested by a spec; `None` for the rings.
+    /// The sweep that `spec` requests; `None` for the rings.
     ///
     /// # Errors
     /// [`DatasetError::Spec`] for an invalid step.

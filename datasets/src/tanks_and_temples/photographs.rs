@@ -95,7 +95,7 @@ impl ScenePhotographs {
         })
     }
 
-    /// The pictures by the block of the log that they belong to, and those without a block.
+    /// Assigns the pictures to the blocks of the log, and lists those without a block.
     ///
     /// If any name is a number, block i belongs to the picture numbered i + 1, or to the one
     /// numbered i if the pictures' numbers start with 0 and end with the last block; pictures
@@ -103,7 +103,7 @@ impl ScenePhotographs {
     /// blocks, and they are matched by order.
     ///
     /// # Errors
-    /// Why pictures cannot be matched with poses.
+    /// If pictures cannot be matched with poses; the error says why.
     pub(super) fn by_block(&self, log: &Log) -> Result<ByBlock<'_>, String> {
         let last = log.blocks.last().copied().unwrap_or(-1);
         let (numbered, unnumbered) = self.numbered()?;
@@ -154,7 +154,7 @@ impl ScenePhotographs {
         Ok(by_block)
     }
 
-    /// The pictures by number, and those whose names are not numbers.
+    /// The pictures, keyed by their number, and those whose names are not numbers.
     fn numbered(&self) -> Result<Numbered<'_>, String> {
         let (mut numbered, mut others) = (BTreeMap::new(), Vec::new());
         for file in &self.files {
@@ -200,13 +200,13 @@ impl ScenePhotographs {
     }
 }
 
-/// Photographs by number, and those without a number.
+/// Photographs, keyed by their number, and those without a number.
 type Numbered<'a> = (BTreeMap<i64, &'a Path>, Vec<&'a Path>);
 
-/// Photographs by block of a log.
+/// Photographs, assigned to the blocks of a log.
 #[derive(Debug, Default)]
 pub(super) struct ByBlock<'a> {
-    /// By block index.
+    /// Photographs, keyed by the index of their block.
     pub(super) files: BTreeMap<i64, &'a Path>,
     /// Photographs without a block.
     pub(super) left_over: Vec<&'a Path>,

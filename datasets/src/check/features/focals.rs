@@ -11,11 +11,12 @@ use super::super::small_view::ray;
 use super::{CLOSE, MIN_MORE, Matches, compared, miss, pixel, share};
 use crate::View;
 
-/// Minimum fraction of matches that other focal lengths must explain to be reported.
+/// Other focal lengths are reported only if they explain at least this fraction of the matches.
 const MIN_OF_FOCALS: f64 = 0.85;
-/// Number of focal lengths tried in each direction, up to a factor of 2, and the ratio between consecutive ones.
+/// Number of focal lengths tried in each direction (up to a factor of 2), then the ratio between consecutive ones.
 const FOCALS: (i32, f64) = (20, 1.0353);
-/// Maximum difference of the fraction of matches explained by square pixels and by the best factor of fx or fy alone.
+/// Square pixels are preferred to a factor of fx or fy alone unless they explain a smaller fraction of the matches, by
+/// more than this.
 const SQUARE: f64 = 0.03;
 /// Factors of the focal lengths that test whether the matches determine them; if so, these factors
 /// explain far fewer matches.
@@ -45,8 +46,8 @@ impl Matches<'_> {
         Some((Change::Cameras(text), explained))
     }
 
-    /// The common factor of focal lengths that explains the matches significantly better, and
-    /// nearly all of them. If several do, the factor whose pixels are closest to square.
+    /// The common factor of focal lengths that explains nearly all matches, and significantly more than as read. If
+    /// several do, the factor whose pixels are closest to square.
     pub(super) fn other_focal(
         &self,
         as_read: &[Option<bool>],
