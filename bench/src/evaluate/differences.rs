@@ -50,7 +50,7 @@ const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ManifestDifference {
     row: Row,
-    /// What differs; a complete sentence if there are no values.
+    /// The fact that differs; a complete sentence if there are no values.
     what: String,
     /// The old and the new value.
     values: Option<[String; 2]>,

@@ -58,7 +58,7 @@ pub enum EvaluateError {
     )]
     OtherMachine {
         folder: PathBuf,
-        /// The difference, with both values.
+        /// A sentence on the difference, with both values.
         difference: String,
     },
     #[error(

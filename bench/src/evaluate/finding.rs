@@ -328,7 +328,7 @@ impl ShownCamera {
         match (self, other) {
             (Self::Moved(percent), Self::Moved(other)) => {
                 let other = f64::from(other);
-                (f64::from(percent) - other).abs() <= UNEVEN.0.max(UNEVEN.1 * other.abs())
+                (f64::from(percent) - other).abs() <= MAX_UNEVEN.max(MAX_UNEVEN_SHARE * other.abs())
             }
             (Self::Reframed(framing), Self::Reframed(other)) => framing.is_like(other),
             _ => self == other,
@@ -336,9 +336,10 @@ impl ShownCamera {
     }
 }
 
-/// Maximum difference between multiples of the motion that share a cause: in percentage points, or, if larger, as a
-/// share of the multiple.
-const UNEVEN: (f64, f64) = (8.0, 0.12);
+/// Multiples of the motion may share a cause if they differ by at most this, percentage points.
+const MAX_UNEVEN: f64 = 8.0;
+/// [`MAX_UNEVEN`] as a share of the multiple; the larger of the two counts.
+const MAX_UNEVEN_SHARE: f64 = 0.12;
 
 /// How a picture frames its target, compared with its photograph.
 #[derive(
@@ -362,13 +363,13 @@ fn is_zero(value: &i16) -> bool {
 }
 
 impl Framing {
-    /// Maximum differences in zoom, roll and shift between framings that share a cause; larger for large zooms.
+    /// Framings may share a cause if their zoom, roll and shift differ by at most these; more is allowed for large zooms.
     const UNEVEN: [i16; 3] = [25, 700, 4];
-    /// Minimum differences in zoom, roll and shift that count as wrong.
+    /// A framing counts as wrong if its zoom, roll or shift differs from the target's by at least these.
     const MIN_FRAMING: [i16; 3] = [15, 700, 5];
-    /// Minimum distortion that counts as wrong, and maximum difference of distortions with one cause, or, if larger, a
-    /// quarter of it.
+    /// A distortion counts as wrong from this one on.
     const MIN_LENS: i16 = 40;
+    /// Distortions may share a cause if they differ by at most this, or, if larger, by a quarter of the distortion.
     const UNEVEN_LENS: i16 = 30;
 
     fn is_distorted(self) -> bool {

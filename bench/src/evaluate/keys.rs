@@ -32,7 +32,7 @@ use crate::scoring::metrics::ScoredMetric;
 /// Computes keys; hashes each file once.
 pub(super) struct Keys {
     hashes: ViewHashes,
-    /// `dataset_identity` by dataset.
+    /// [`dataset_identity`] of each dataset, keyed by its name.
     datasets: BTreeMap<String, String>,
     renderer: RendererRecord,
 }
@@ -204,8 +204,8 @@ impl Keys {
     /// dataset or method is not given.
     ///
     /// # Errors
-    /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` completes the
-    /// sentence.
+    /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` is the advice at the end of its
+    /// message.
     pub(super) fn check_files<'u>(
         &self,
         folder: &RunFolder,

@@ -22,18 +22,18 @@ use crate::scoring::Region;
 
 /// Maximum width compared, pixels.
 const WIDTH: u32 = 160;
-/// Minimum gain from undoing a mirroring or rotation, dB.
+/// Undoing a mirroring or rotation must bring a picture closer to its photograph by at least this, dB.
 const MIN_GAIN: f64 = 1.0;
-/// Minimum gain for exchanged channels, which hardly change brightness, dB.
+/// [`MIN_GAIN`] for exchanged channels, which hardly change brightness, dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
-/// Minimum gain for another transfer function, dB: linear light stored as sRGB loses far more, other exposures less.
+/// [`MIN_GAIN`] for another transfer function, dB: linear light stored as sRGB loses far more, other exposures less.
 const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
-/// Minimum gain of sorted levels at which another transfer function need not fit them better than any exposure, dB: poor
+/// From this gain of sorted levels on, another transfer function need not fit them better than any exposure, dB: poor
 /// predictions do not have their photographs' levels.
 const MIN_GAIN_BY_RANK: f64 = 8.0;
-/// Minimum gain for another range of levels, which other exposures resemble, dB.
+/// [`MIN_GAIN`] for another range of levels, which other exposures resemble, dB.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
-/// Maximum PSNR at which other colour spaces are tried, dB: pictures stored in one have 8 to 13. Skipping the rest saves
+/// Other colour spaces are tried only below this PSNR, dB: pictures stored in one have 8 to 13. Skipping the rest saves
 /// time.
 const MAX_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end, because ringing of JPEG and of resampling exceeds it.
@@ -41,7 +41,8 @@ const BEYOND_ENDS: f64 = 0.002;
 /// Below this correlation with the photograph, red and blue are exchanged (for their difference) or the picture is a
 /// negative. Poor predictions have 0.4 to 0.8; a tint does not matter.
 const OPPOSED: f64 = -0.4;
-/// Minimum share of the photograph's variance explained after undoing a change; poor predictions reach a quarter.
+/// After undoing a change, a picture must explain at least this share of the photograph's variance; poor predictions
+/// reach a quarter.
 const EXPLAINED: f64 = 0.2;
 /// A picture whose correlation with the photograph is lower has little in common with the photograph.
 pub(super) const UNLIKE: f64 = 0.15;

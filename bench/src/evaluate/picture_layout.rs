@@ -6,23 +6,23 @@ use image::RgbImage;
 
 use super::finding::PictureChange;
 
-/// Maximum difference of levels within one colour, because JPEG alters them.
+/// Levels count as one colour if they differ by at most this, because JPEG alters them.
 const ONE_COLOUR: u8 = 8;
-/// Minimum level of white.
+/// Levels from this one on count as white.
 const WHITE: u8 = 247;
 /// Bars and margins cover at least this fraction of the lines (one in so many).
 const BAR: u32 = 50;
 /// Unfinished pictures lack at least this fraction of the rows (one in so many).
 const MISSING: u32 = 5;
-/// Maximum difference in thickness of two bars, pixels.
+/// Two bars count as equally thick if their thickness differs by at most this, pixels.
 const UNEVEN: u32 = 2;
 /// Neighbouring rows of interlaced pictures differ more than rows two apart, by this factor.
 const MIN_STEPS: f64 = 1.2;
 /// In other pictures, and among columns, they differ at most by this factor.
 const MAX_STEPS: f64 = 1.05;
-/// Share of the lines that are equal to the line before in pictures enlarged by 1.3 to 16 times, and maximum number of
-/// them in succession.
+/// Share of the lines that are equal to the line before in pictures enlarged by 1.3 to 16 times.
 const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;
+/// In such pictures, at most this many lines in succession are equal to the line before.
 const MAX_REPEATED: usize = 15;
 /// Maximum size of the central part in which steps are measured, pixels.
 const STEPS_WITHIN: u32 = 256;
@@ -62,7 +62,7 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     is_change.then_some(PictureChange::Blocks)
 }
 
-/// The share of the rows (or columns) that are equal to the one before. 1 if more than `MAX_REPEATED` in
+/// The share of the rows (or columns) of `picture` that are equal to the one before. 1 if more than `MAX_REPEATED` in
 /// succession are, as in bars.
 fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     let (width, height) = picture.dimensions();

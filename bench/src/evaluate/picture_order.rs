@@ -22,23 +22,28 @@ use super::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
 
-/// Share of the pictures with a measured camera that must agree.
-const AGREEING: f64 = 0.8;
-/// Number of pairs per dataset whose pictures are compared, evenly spaced, and number of other targets for each.
+/// A wrong camera is reported only if at least this share of the pictures with a measured camera agree on it.
+const MIN_SHARE: f64 = 0.8;
+/// Number of pairs per dataset whose pictures are compared, evenly spaced.
 const SAMPLED: usize = 8;
+/// Number of other targets with which each of these pictures is compared.
 const OTHERS: usize = 12;
-/// Minimum number of pictures in a dataset that must show other targets.
+/// A finding is reported only if at least this many pictures of a dataset agree on it.
 const FEWEST: usize = 3;
-/// Minimum gain of another target, dB.
+/// A picture shows another target only if it is closer to it than to its own by at least this, dB.
 const MIN_GAIN: f64 = 2.0;
-/// Minimum PSNR of the source's photograph stored as JPEG, dB, and minimum gain over the target. Only copies reach both.
-const COPY: (f64, f64) = (40.0, 10.0);
+/// A picture is a copy of the source's photograph, perhaps stored as JPEG, if its PSNR against that is at least this, dB,
+/// and [`MIN_COPY_GAIN`] holds, too.
+const MIN_COPY_PSNR: f64 = 40.0;
+/// A copy is closer to the source's photograph than to the target's by at least this, dB.
+const MIN_COPY_GAIN: f64 = 10.0;
 
-/// Minimum gain of the source's photograph over the target's if a prediction shows the source's view, dB.
-const SOURCE_VIEW: f64 = 3.0;
-/// Minimum squared error of such a prediction against the target, relative to that of the source's photograph. A
+/// A prediction shows the source's view if it is closer to the source's photograph than to the target's by at least this,
+/// dB, and [`MIN_SOURCE_VIEW_ERROR`] holds, too.
+const MIN_SOURCE_VIEW_GAIN: f64 = 3.0;
+/// Such a prediction has at least this squared error against the target, relative to that of the source's photograph. A
 /// prediction that moves has less.
-const AS_FAR: f64 = 0.7;
+const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
 
 /// For each pair, the other pairs with whose targets its picture is compared.
 pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>;
@@ -86,7 +91,7 @@ fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
     (0..n).map(move |k| k * count / n + k % (count / n).max(1))
 }
 
-/// Reduced photographs by dataset, scene and view.
+/// Reduced photographs, keyed by dataset, scene and view.
 #[derive(Default)]
 pub(super) struct Thumbnails(BTreeMap<[String; 3], Option<RgbImage>>);
 
@@ -176,8 +181,9 @@ pub(crate) fn shown_target(
         return None;
     }
     let own = fit(seen, shown);
-    let is_copy =
-        |copied: Likeness| copied.psnr() >= COPY.0 && copied.psnr() - own.psnr() >= COPY.1;
+    let is_copy = |copied: Likeness| {
+        copied.psnr() >= MIN_COPY_PSNR && copied.psnr() - own.psnr() >= MIN_COPY_GAIN
+    };
     if source.is_some_and(|source| is_copy(fit(source, shown))) {
         return Some(ShownTarget::Source);
     }
@@ -185,8 +191,8 @@ pub(crate) fn shown_target(
     if let Some(source) = source
         && let (shows, copied) = (fit(source, shown), fit(seen, source))
         && shows.is_better_than(&own)
-        && shows.gain_over(&own) >= SOURCE_VIEW
-        && own.error() >= AS_FAR * copied.error()
+        && shows.gain_over(&own) >= MIN_SOURCE_VIEW_GAIN
+        && own.error() >= MIN_SOURCE_VIEW_ERROR * copied.error()
     {
         return Some(ShownTarget::SourceView);
     }
@@ -224,8 +230,9 @@ pub(crate) fn compared_pictures(count: usize) -> BTreeMap<usize, Vec<(ShownTarge
 struct OfDataset {
     shown: BTreeMap<ShownTarget, usize>,
     cameras: Vec<ShownCamera>,
-    /// Number of pictures, and of those that were cropped or padded and then resized, which are already reported.
+    /// Number of pictures.
     all: usize,
+    /// Number of pictures that were cropped or padded and then resized, which are already reported.
     resized: usize,
 }
 
@@ -233,7 +240,7 @@ impl OfDataset {
     /// The wrong camera on which nearly all measured pictures agree, how many of them do, and the number of these.
     fn wrong_camera(&self) -> Option<(ShownCamera, usize, usize)> {
         let mut cameras = self.cameras.clone();
-        if self.resized as f64 >= AGREEING * self.all as f64 {
+        if self.resized as f64 >= MIN_SHARE * self.all as f64 {
             cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
         }
         wrong_camera(cameras)
@@ -342,7 +349,7 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     })
 }
 
-/// The wrong camera on which nearly all of these agree, how many of them do, and their number.
+/// The wrong camera on which nearly all of the `cameras` agree, how many of them do, and their number.
 fn wrong_camera(cameras: Vec<ShownCamera>) -> Option<(ShownCamera, usize, usize)> {
     let all = cameras.len();
     let mut wrong: Vec<ShownCamera> = cameras.into_iter().filter(|c| c.is_wrong()).collect();
@@ -358,7 +365,7 @@ fn wrong_camera(cameras: Vec<ShownCamera>) -> Option<(ShownCamera, usize, usize)
         other => other,
     };
     let count = wrong.iter().filter(|camera| camera.is_like(middle)).count();
-    (count >= FEWEST && count as f64 >= AGREEING * all as f64).then_some((middle, count, all))
+    (count >= FEWEST && count as f64 >= MIN_SHARE * all as f64).then_some((middle, count, all))
 }
 
 #[cfg(test)]

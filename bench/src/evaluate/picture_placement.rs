@@ -17,15 +17,15 @@ const SEARCHED: u32 = 48;
 const STARTS: [f64; 9] = [0.5, 0.5625, 0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.78];
 /// Steps of the search, in sizes of the picture.
 const STEPS: [f64; 6] = [0.04, 0.02, 0.01, 0.005, 0.0025, 0.001];
-/// Minimum share of the picture that the photograph covers.
+/// A place is tried only if the photograph covers at least this share of the picture there.
 const COVERED: f64 = 0.5;
-/// Minimum change of width or height, in sizes of the picture.
+/// A picture counts as resized if its width or height changed by at least this, in sizes of the picture.
 const RESIZED: f64 = 0.018;
-/// Maximum offset of an edge that has stayed in place, in sizes of the picture.
+/// An edge counts as unmoved if it is off by less than this, in sizes of the picture.
 const UNMOVED: f64 = 0.009;
-/// Minimum gain by another place, dB.
+/// Another place must bring the picture closer to the photograph by at least this, dB.
 const MIN_PLACE_GAIN_DB: f64 = 1.5;
-/// Minimum gain by panels, dB.
+/// Panels must bring the picture closer to the photograph by at least this, dB.
 const MIN_PANEL_GAIN_DB: f64 = 3.0;
 
 /// Whether a picture shows the photograph in panels, or all of it at another size. Both are shrunk to the same size.
@@ -193,7 +193,7 @@ impl Grey {
         }
     }
 
-    /// Bilinear.
+    /// The level at a position, interpolated bilinearly.
     fn at(&self, (x, y): (f64, f64)) -> f64 {
         let (width, height) = self.size;
         let (left, top) = (x as u32, y as u32);

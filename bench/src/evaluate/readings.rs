@@ -73,11 +73,11 @@ impl PictureReading {
 pub struct Readings {
     /// Units with a kept picture.
     pub records: Vec<Record>,
-    /// Number of units by dataset.
+    /// Number of units of each dataset.
     pub units: BTreeMap<String, usize>,
     /// For each reading and metric, one score per record. Metrics without any score are left out.
     pub scores: BTreeMap<(PictureReading, MetricKey), Vec<Option<f64>>>,
-    /// Number of pairs by reading and reason, for scores that are missing.
+    /// Number of pairs without a score, keyed by reading and reason.
     pub absent: BTreeMap<(String, String), usize>,
     /// Number of the run's scores that differ when recomputed from the kept pictures.
     pub changed: usize,

@@ -21,7 +21,7 @@ use crate::pairs::{Pair, PairList};
 #[derive(Debug, Clone)]
 pub struct Results {
     pub manifest: Manifest,
-    /// One record per unit, by pair id, then in the order of the methods.
+    /// One record per unit, sorted by pair id, then in the order of the methods.
     pub records: Vec<Record>,
     /// Pair id and method of planned units without a result.
     pub missing: BTreeSet<(String, String)>,
@@ -38,7 +38,7 @@ pub struct PictureFolder {
     pub folder: RunFolder,
     /// Maps labels in the results to labels in this folder.
     pub labels: BTreeMap<String, String>,
-    /// SHA-256 of each kept file, by pair id and the method's label in the folder.
+    /// SHA-256 of each kept file, keyed by pair id and the method's label in the folder.
     pub sha256: BTreeMap<(String, String), String>,
     /// SHA-256 of each kept linear rendering, with the same keys.
     pub float_sha256: BTreeMap<(String, String), String>,
@@ -255,7 +255,7 @@ impl Results {
         })
     }
 
-    /// Gives methods other labels.
+    /// Replaces the labels of methods by those that `renamed` returns.
     pub(super) fn relabel(&mut self, renamed: impl Fn(&str) -> String) {
         for record in &mut self.records {
             record.method = renamed(&record.method);

@@ -51,7 +51,7 @@ pub struct Speed {
     pub splats: Vec<Splats>,
     /// Peak resident size of the process during measurement, bytes; `None` if the system does not report it.
     pub peak_bytes: Option<u64>,
-    /// `pair: reason` of pairs that could not be measured.
+    /// One line, `pair: reason`, for each pair that could not be measured.
     pub failures: Vec<String>,
 }
 

@@ -25,7 +25,7 @@ use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::{path_of, source_of};
 use crate::rendering::pose_alignment;
 
-/// Principal points that differ by less count as equal, pixels.
+/// Principal points count as equal if they differ by at most this along both axes, pixels.
 const MIN_SHIFT: f64 = 0.75;
 
 /// Extras that count Gaussians dropped by the renderer, and the reasons as text.
@@ -175,7 +175,7 @@ fn size(path: &Path) -> u64 {
     inside.unwrap_or_else(|_| of_file(path))
 }
 
-/// A warning if a file was made for another principal point than the dataset's. SHARP assumes the centre of the
+/// A warning if the principal point for which a file was made differs from the dataset's. SHARP assumes the centre of the
 /// photograph.
 fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String> {
     let is_same_size = (stored.width, stored.height) == (own.width, own.height);

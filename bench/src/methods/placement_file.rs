@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::Deserialize;
 
-/// Relative tolerance for columns to count as equally long and orthogonal.
+/// Columns count as equally long and orthogonal if they are off by at most this, relative to their squared length.
 const SIMILARITY: f64 = 1e-3;
 
 #[derive(Deserialize)]

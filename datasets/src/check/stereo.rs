@@ -1,6 +1,8 @@
 //! Checks that the depth of a rectified pair's left view leads to matching colours in the right view, and tests other
 //! disparities.
 
+use std::ops::RangeInclusive;
+
 use glam::{DMat3, DVec2};
 use sharp::camera::baseline_m;
 

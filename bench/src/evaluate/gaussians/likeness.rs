@@ -12,7 +12,7 @@ const COARSE: (u32, u32) = (16, 12);
 const MIN_BLUR: f64 = 0.4;
 /// Maximum width and height compared, pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// Minimum gain of another reading, dB. If a file was read correctly, other readings change the error by only some
+/// Another reading is better only if its gain is at least this, dB. If a file was read correctly, other readings change the error by only some
 /// hundredths of a dB.
 const MARGIN: f64 = 0.5;
 /// Number of standard errors that the gain must exceed.
@@ -26,7 +26,7 @@ const HARDLY: f64 = 1.1;
 const EXPLAINED: f64 = 0.5;
 /// The contrasts of a picture and its photograph are reported if one is at least this multiple of the other.
 const MIN_CONTRAST_RATIO: f64 = 1.6;
-/// Minimum gain from correcting brightness and contrast, dB.
+/// Contrasts are reported only if correcting brightness and contrast gains at least this, dB.
 const MIN_CONTRAST_GAIN_DB: f64 = 6.0;
 /// Pictures count as equal below this mean squared error, levels²: rounding and truncation to 8 bit differ by less.
 const ROUNDING: f64 = 1.0;

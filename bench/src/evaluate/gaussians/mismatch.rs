@@ -11,15 +11,15 @@ use crate::pairs::PosedCamera;
 
 /// Factors of standard deviations to try.
 const WIDTHS: [f64; 8] = [1.0 / 3.0, 0.1, 0.01, 0.001, 3.0, 10.0, 100.0, 1000.0];
-/// Minimum gain with narrower standard deviations, dB. Crude but correct Gaussians gain less.
+/// Narrower standard deviations are reported only if they gain at least this, dB. Crude but correct Gaussians gain less.
 const MIN_NARROWER_GAIN_DB: f64 = 4.0;
-/// Minimum gain with wider standard deviations, dB. Correct Gaussians with holes gain less.
+/// Wider standard deviations are reported only if they gain at least this, dB. Correct Gaussians with holes gain less.
 const MIN_WIDER_GAIN_DB: f64 = 6.0;
-/// Minimum gain with a factor that the depth suggests, dB.
+/// A factor that the depth suggests is reported only if it gains at least this, dB.
 const MIN_WIDTHS_GAIN_DB: f64 = 1.0;
 /// Wider Gaussians are tried only up to this many per pixel.
 const MAX_LAYERS: f64 = 300.0;
-/// Minimum rotation that is tried, degrees.
+/// Smaller rotations are not tried, degrees.
 const MIN_TURN_DEG: f64 = 3.0;
 
 impl Trial<'_> {

@@ -17,9 +17,9 @@ use crate::rendering::pose_alignment::fit_camera;
 use crate::rendering::shared::{HOLE_ALPHA, surface_depth};
 use crate::scoring::GroundTruth;
 
-/// Thresholds for a warning about a fitted camera: its rotation in degrees, and its motion as a share of the median
-/// depth.
+/// A fitted camera causes a warning if it was turned by more than this, degrees.
 const FAR_TURNED: f64 = 15.0;
+/// A fitted camera causes a warning if it was moved by more than this share of the median depth.
 const FAR_MOVED: f64 = 0.25;
 
 /// The factor from predicted to true depth: the median of their ratios (the paper's eq.

@@ -47,17 +47,17 @@ pub const SOURCE_BLUR: &str = "source_blur";
 
 /// Other readings are tried only if at least this share of the photograph is valid.
 const MIN_VALID: f64 = 0.95;
-/// PSNR of the source's rendering above which no other reading is tried, dB.
+/// No other reading is tried if the PSNR of the source's rendering is at least this, dB.
 const RIGHT_DB: f64 = 38.0;
-/// Gain below which a setting may only compensate for wrong standard deviations, dB.
+/// A setting that gains less than this may only compensate for wrong standard deviations, dB.
 const WEAK_DB: f64 = 3.0;
 /// Contrast, relative to the photograph, of colours whose coefficients were multiplied by the constant harmonic, 0.282,
 /// instead of divided by it: its square, 0.08.
 const SQUARED_CONSTANT: RangeInclusive<f64> = 0.06..=0.1;
-/// Minimum share of empty pixels that suggests that Gaussians were removed.
+/// From this share of empty pixels on, Gaussians may have been removed.
 const MIN_HOLES: f64 = 0.02;
-/// Minimum number of pixels of a photograph on which other readings are tried; smaller photographs do not show a
-/// Gaussian's shape.
+/// Other readings are tried only on photographs with at least this many pixels; smaller ones do not show a Gaussian's
+/// shape.
 const FEWEST_PIXELS: usize = 1200;
 /// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
@@ -89,9 +89,9 @@ struct SeenSource {
     depth: DepthMap,
     /// The rendering over the photograph's mean colour, in place of the background.
     over_mean: RgbImage,
-    /// See [`missing_share`].
+    /// Result of [`missing_share`].
     missing: Option<f64>,
-    /// Share of the pixels that no Gaussian covers.
+    /// Share of the pixels with alpha below [`HOLE_ALPHA`](crate::rendering::shared::HOLE_ALPHA).
     holes: f64,
     is_blurred: bool,
 }
@@ -250,9 +250,9 @@ struct Findings<'a> {
     compared: Likeness,
     better: Option<(FileReading, Likeness)>,
     other: Option<OtherView<'a>>,
-    /// Rotation of the quaternions in degrees.
+    /// Rotation of the quaternions in degrees, and the comparison after it.
     turned: Option<(f64, Likeness)>,
-    /// Under the inverse of the source's pose.
+    /// Comparison under the inverse of the source's pose.
     inverse: Option<Likeness>,
     missing: Option<f64>,
     holes: f64,

@@ -56,7 +56,7 @@ pub struct Command {
     timeout: Duration,
     fit: FitRules,
     depth: TrueDepth,
-    /// Path of the log, and folder for scratch folders; set when a run begins.
+    /// Path of the log, and the folder in which scratch folders are made; set when a run begins.
     places: OnceLock<(PathBuf, PathBuf)>,
     state: Mutex<State>,
 }
