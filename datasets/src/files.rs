@@ -51,7 +51,7 @@ impl Root {
         }
     }
 
-    /// The folder as given.
+    /// The folder's path, as the user gave it.
     pub fn path(&self) -> &Path {
         &self.given
     }

@@ -30,7 +30,7 @@ pub(crate) struct SceneBuilder<'a> {
     left_out: LeftOut,
     broken: Vec<LeftOutViews>,
     views: Vec<View>,
-    /// Pictures already used.
+    /// Pictures that a frame already uses.
     seen: BTreeSet<PathBuf>,
     /// Depth maps that belong to excluded frames.
     of_left_out: BTreeSet<PathBuf>,

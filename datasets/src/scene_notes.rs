@@ -176,7 +176,7 @@ fn grey_masks(masked: &[&View]) -> Option<String> {
     (share > MAX_GREY).then(|| {
         let cause = match masks.iter().find_map(labels) {
             Some(labels) => format!("with areas of the levels {labels} like a map of objects"),
-            None => "stored as JPEG, or resized?".to_owned(),
+            None => "perhaps stored as JPEG, or resized".to_owned(),
         };
         format!(
             "masks: {:.1} % of their pixels are neither black nor white ({cause}); levels of {WHITE} and more count as \

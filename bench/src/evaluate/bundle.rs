@@ -62,7 +62,7 @@ pub struct Occasion {
 #[derive(Debug, Clone)]
 pub struct Bundle {
     pub results: Results,
-    /// The planned pairs.
+    /// List of the planned pairs.
     pub pairs: PairList,
     pub occasion: Option<Occasion>,
     /// Times of each method on each pair; usually none.

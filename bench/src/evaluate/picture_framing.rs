@@ -27,7 +27,7 @@ const MIN_DISTINCTION: f64 = 0.05;
 const MIN_FOUND: usize = 12;
 /// Framing is measured only if at least this share of the blocks are found.
 const MIN_FOUND_SHARE: f64 = 0.15;
-/// Number of reweighted least-squares steps.
+/// Number of steps of a fit by reweighted least squares.
 const STEPS: usize = 12;
 /// Weight of the prior for an unchanged framing, in blocks.
 const PRIOR: f64 = 0.05;
@@ -110,7 +110,7 @@ pub(super) fn shown_framing(
 struct FramedTarget<'a> {
     focal: DVec2,
     middle: DVec2,
-    /// Half the width.
+    /// Half the width of the shrunk target, pixels.
     half: f64,
     translation: DVec3,
     /// Centres of the blocks with contrast.

@@ -95,7 +95,7 @@ fn strip(rows: &Sides, columns: &Sides) -> Option<[i16; 2]> {
 
 /// The lines of one colour at two opposite sides of a picture.
 struct Sides {
-    /// Number of lines.
+    /// Number of lines in the picture.
     all: u32,
     /// Number of lines of one colour at the first and at the last side.
     thickness: [u32; 2],

@@ -114,7 +114,7 @@ fn cached<'c, 'a, T>(
     }
 }
 
-/// Why there is no picture.
+/// Reason that a unit has no picture.
 enum Failure {
     /// The reason is recorded as the unit's failure.
     Pair(String),

@@ -29,11 +29,11 @@ const MIN_ALPHA: f32 = 1e-4;
 /// How a prediction is converted to the scored picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PictureReading {
-    /// As scored by the run.
+    /// The picture as the run scored it.
     AsScored,
     /// Floating-point values, not rounded to 8 bit.
     Unrounded,
-    /// Truncated to 8 bit.
+    /// Floating-point values truncated to 8 bit.
     Truncated,
     /// Linear colour divided by alpha, so that partly covered pixels take the colour of the covering surface; rounded
     /// to 8 bit.
@@ -51,7 +51,7 @@ impl PictureReading {
         Self::BorderCropped,
     ];
 
-    /// Name in tables and files.
+    /// Name of the reading in tables and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::AsScored => "as scored",

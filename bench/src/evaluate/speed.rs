@@ -19,7 +19,7 @@ use crate::pairs::PosedCamera;
 use crate::pairs::pair_id::source_of;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// Number of rounds per pair.
+/// Numbers of uncounted and counted rounds of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct SpeedOptions {
     /// Uncounted rounds on the first pair of each method and dataset.

@@ -56,7 +56,7 @@ pub struct GaussianFiles {
     /// The views that the method was trained on, if given by `train=`.
     train: Option<TrainingViews>,
     several_views: bool,
-    /// The settings as given.
+    /// The settings for reading files, as given.
     reading: FileReading,
     /// Template for the paths of the scenes' transform files, if each scene has its own.
     transform: Option<FileTemplate>,

@@ -75,11 +75,11 @@ pub const KINDS: [MethodKind; 8] = [
         settings: &[
             (
                 "checkpoint=FILE",
-                "weights, or mini for the small network that comes with the program; by default the release's",
+                "weights, or mini for the small network that comes with the program; by default those of SHARP's release",
             ),
             (
                 "config=FILE#NAME",
-                "architecture of the checkpoint; by default a fitting .json next to it, or the release's",
+                "architecture of the checkpoint; by default a fitting .json next to it, or that of SHARP's release",
             ),
             (
                 "depth=none|privileged",

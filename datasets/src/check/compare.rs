@@ -71,7 +71,7 @@ pub(super) fn is_suspicious(all: &[Explained]) -> bool {
     mean_loss(all) >= SUSPICIOUS
 }
 
-/// True if most depths agree.
+/// True if at least [`MOSTLY_AGREEING`] of the depths agree.
 pub(super) fn agrees(all: &[Explained]) -> bool {
     forward(all).agreement() >= MOSTLY_AGREEING
 }

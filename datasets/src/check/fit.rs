@@ -309,7 +309,7 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Factor with the least loss.
+    /// The factor whose reading, `with(factor)`, has the least loss; tries factors as [`least`] does.
     pub(super) fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
         let coarse = 4 * self.stride;
         let fine = match self.thorough {

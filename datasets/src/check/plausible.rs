@@ -186,7 +186,7 @@ pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
     })
 }
 
-/// Reports an implausible median depth.
+/// A sentence on the median depth, in metres, if it is implausible.
 pub(super) fn depth(median_m: f64, units: Units) -> Option<String> {
     (median_m > 0.0 && !DEPTHS_M.contains(&median_m)).then(|| {
         format!(

@@ -21,7 +21,7 @@ const ZOOMS: (i32, f64) = (12, 1.035);
 const MIN_OFF: f64 = 0.008;
 /// Maximum offset along an axis, in widths.
 const MAX_OFF: f64 = 0.12;
-/// Maximum magnification.
+/// Maximum magnification, and maximum reduction, of a depth map.
 const MAX_ZOOM: f64 = 1.6;
 /// Colour differences must fall to this share of those as read. Only colours show that depth belongs elsewhere.
 const MAX_LEFT: f64 = 0.9;

@@ -21,7 +21,7 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
             FloatMap::from_vec(width, height, values).ok_or_else(|| "too large".into())
         }
         _ => Err(invalid!(
-            "a depth map must be 16-bit gray; this picture's pixels are {:?}",
+            "a depth map must be 16-bit gray, but this picture's pixels are {:?}",
             picture.header.color
         )),
     }

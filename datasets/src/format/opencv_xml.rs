@@ -17,7 +17,7 @@ pub enum Node {
         cols: usize,
         data: Vec<f64>,
     },
-    /// Anything else.
+    /// Any other element, as text.
     Text(String),
 }
 

@@ -94,7 +94,7 @@ pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     std::fs::write(path, bytes(map)).map_err(|e| DatasetError::io(path, e))
 }
 
-/// A one-channel little-endian PFM file.
+/// Contents of a one-channel little-endian PFM file.
 pub fn bytes(map: &FloatMap) -> Vec<u8> {
     let mut bytes = format!("Pf\n{} {}\n-1\n", map.width(), map.height()).into_bytes();
     for row in map.chunks_exact(map.width().max(1) as usize).rev() {

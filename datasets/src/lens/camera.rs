@@ -10,7 +10,7 @@ use super::{Distortion, LensError};
 pub struct Lens {
     intrinsics: Intrinsics,
     distortion: Distortion,
-    /// See [`Distortion::fold_radius`].
+    /// Radius within which the model does not fold back; see [`Distortion::fold_radius`].
     fold_radius: f64,
 }
 

@@ -68,9 +68,9 @@ impl Object {
 pub(super) struct World {
     objects: Vec<Object>,
     light: Light,
-    /// `None` without a sun.
+    /// Objects that may block the sun; `None` without a sun.
     sun_grid: Option<SunGrid>,
-    /// One per lamp.
+    /// Objects that may block each lamp, in the order of the lamps.
     lamp_cubes: Vec<LampCube>,
 }
 

@@ -185,7 +185,7 @@ impl Likeness {
         Self { blocks, total }
     }
 
-    /// Merges two comparisons.
+    /// The comparison over the pixels of both.
     pub(in crate::evaluate) fn joined(&self, other: &Self) -> Self {
         let total = [&self.total, &other.total];
         Self {

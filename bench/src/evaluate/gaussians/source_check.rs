@@ -73,11 +73,11 @@ pub(in crate::evaluate) struct CheckedSource<'a> {
     /// True depth, if available; `None` for a method that is scaled to it.
     pub(in crate::evaluate) depth: Option<&'a DepthMap>,
     pub(in crate::evaluate) scene: &'a Scene,
-    /// Whether to try other readings.
+    /// Whether other readings are tried for this source.
     pub(in crate::evaluate) is_chosen: bool,
 }
 
-/// Measured values and warnings.
+/// Measured values and warnings about Gaussians rendered into their source.
 pub(in crate::evaluate) struct SourceFacts {
     pub(in crate::evaluate) extras: BTreeMap<String, f64>,
     pub(in crate::evaluate) warnings: BTreeMap<String, String>,
