@@ -221,7 +221,7 @@ fn find_disparity(
     Ok(None)
 }
 
-/// True if MiddEval3's training set has a scene of that name.
+/// True if MiddEval3's training set has the scene of this id.
 fn is_training15(id: &str) -> bool {
     const NAMES: [&str; 15] = [
         "Adirondack",

@@ -121,7 +121,7 @@ impl DatasetSpec {
 /// Opens a dataset: finds its scenes and reads the cameras, but no pixels. Scenes are in natural order of their ids.
 ///
 /// # Errors
-/// The first error; names the file or folder and what is wrong with it.
+/// If a scene cannot be read; names the file or folder and what is wrong with it.
 pub fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
     open_each(spec)?.all()
 }

@@ -341,7 +341,7 @@ pub(super) fn extended(
 /// Combines two manifests for results that are shown together.
 ///
 /// # Errors
-/// The first difference that prevents the results from sharing columns or names.
+/// If the results cannot share columns or names; the error is the first difference that prevents it.
 pub(super) fn joined(one: Manifest, other: Manifest) -> Result<Manifest, String> {
     if let Some(difference) = refusal(&one, &other, Purpose::Read) {
         return Err(difference.to_string());

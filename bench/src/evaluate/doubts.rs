@@ -154,7 +154,8 @@ pub(super) fn joint_doubts<'a>(
     found
 }
 
-/// Names targets that a method was trained on, or reports that none of its stated training views is in these pairs.
+/// A sentence with the targets that a method was trained on, or a report that none of its stated training views is in the
+/// records' pairs.
 fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<String> {
     let of_views = |record: &'a Record| {
         let [source, target] = TRAINED_ON.map(|name| record.extras.get(name).map(|v| *v > 0.0));

@@ -129,7 +129,7 @@ impl Place {
         (count >= COVERED * f64::from(width * height)).then(|| sum / count)
     }
 
-    /// Whether the picture is significantly closer to the photograph at this place than at its own.
+    /// Whether the picture `shown` is significantly closer to the photograph `seen` at this place than at its own.
     fn is_significant(&self, seen: &RgbImage, shown: &RgbImage) -> bool {
         let whole = Region::whole(seen.dimensions());
         let (mut placed, mut as_read) = (shown.clone(), shown.clone());

@@ -201,7 +201,7 @@ fn holds_files_of_scenes(dir: &Path) -> bool {
     })
 }
 
-/// Files and folders with this stem and any extension, sorted.
+/// Files and folders next to `stem` that have its name, with any extension, sorted.
 fn beside(stem: &Path) -> Vec<PathBuf> {
     let (Some(folder), Some(name)) = (stem.parent(), stem.file_name()) else {
         return Vec::new();

@@ -78,7 +78,7 @@ struct Level<'a> {
 /// `intrinsics`. The camera stays in place if nothing is drawn.
 ///
 /// # Errors
-/// See [`RenderError`].
+/// If rendering fails.
 pub fn fit_camera(
     renderer: &SharedRenderer,
     scene: &Gaussians,

@@ -29,7 +29,7 @@ pub struct StereoCalibration {
 /// ignored. `doffs` (then `cx1 − cx0`) and the size may be absent.
 ///
 /// # Errors
-/// Names the key that is missing, is not a finite number, or contradicts another.
+/// If a key is missing, is not a finite number, or contradicts another; names it.
 pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     let mut entries = BTreeMap::new();
     for line in text.trim_start_matches('\u{feff}').lines() {

@@ -11,7 +11,7 @@ use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
 /// Parses `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
 ///
 /// # Errors
-/// The line number and what is wrong with the line.
+/// If a line is invalid; states its number and what is wrong with it.
 pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     let mut cameras = BTreeMap::new();
     for (number, line) in records(text) {
@@ -31,7 +31,7 @@ pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
 /// were removed from the file.
 ///
 /// # Errors
-/// The line number and what is wrong with the line.
+/// If a line is invalid; states its number and what is wrong with it.
 pub fn images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate().peekable();
@@ -86,7 +86,7 @@ fn is_track(line: &str) -> bool {
 /// Parses `points3D.txt`: `ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)…`.
 ///
 /// # Errors
-/// The line number and what is wrong with the line.
+/// If a line is invalid; states its number and what is wrong with it.
 pub fn points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
     records(text)
         .map(|(number, line)| {

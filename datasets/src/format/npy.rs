@@ -28,7 +28,7 @@ impl NpyArray {
     /// Converts the array to a map; dimensions of extent 1 before and after height and width are dropped.
     ///
     /// # Errors
-    /// The reason, if more than two dimensions remain, or a side is zero or too large.
+    /// If more than two dimensions remain, or a side is zero or too large.
     pub fn into_map(self) -> Result<FloatMap, FormatError> {
         let (width, height) = map_size(&self.shape)?;
         FloatMap::from_vec(width, height, self.values)
@@ -59,8 +59,8 @@ fn map_size(shape: &[usize]) -> Result<(u32, u32), FormatError> {
 /// `depth` or `disp`).
 ///
 /// # Errors
-/// Not a NumPy file, an object array (which would require unpickling and is never read), or fewer values than the shape
-/// requires.
+/// If it is not a NumPy file, is an object array (which would require unpickling and is never read), or has fewer values
+/// than its shape requires.
 pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     if bytes.starts_with(b"PK") {
         parse_array(&unpacked(bytes, u64::MAX)?)

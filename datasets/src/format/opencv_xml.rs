@@ -24,7 +24,8 @@ pub enum Node {
 /// Parses a storage.
 ///
 /// # Errors
-/// Malformed XML, a document type (which no camera file needs), or a matrix whose entries do not match its size.
+/// If the XML is malformed or has a document type (which no camera file needs), or the entries of a matrix do not match
+/// its size.
 pub fn parse(text: &str) -> Result<FileStorage, FormatError> {
     if text.trim_start().starts_with("%YAML") {
         let reason = "this is OpenCV's YAML form; only the XML form is read";

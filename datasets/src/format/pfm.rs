@@ -10,7 +10,7 @@ use crate::DatasetError;
 /// bytes after the last value are ignored.
 ///
 /// # Errors
-/// An invalid header, fewer bytes than the header requires, or three different channels.
+/// If the header is invalid, there are fewer bytes than it requires, or the three channels differ.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     let mut header = PfmHeader { bytes, at: 0 };
     let channels: usize = match header.token().as_deref() {

@@ -8,7 +8,7 @@ use super::{FloatMap, FormatError, is_byte_swapped};
 /// Reads `width · height` values; gzip-compressed files are decompressed. +inf means no depth.
 ///
 /// # Errors
-/// The expected length, if the data has another length.
+/// If the data does not have exactly that length, or only makes sense in the other byte order.
 pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, FormatError> {
     let expected = u64::from(width) * u64::from(height) * 4;
     let mut unpacked = Vec::new();

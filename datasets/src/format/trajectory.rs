@@ -32,7 +32,7 @@ pub struct Log {
 /// blocks are numbered from 0 instead.
 ///
 /// # Errors
-/// An incomplete block, something that is not a number, or an index that is negative or repeated.
+/// If a block is incomplete, something is not a number, or an index is negative or repeated.
 pub fn parse_log(text: &str) -> Result<Log, FormatError> {
     let numbers = numbers(text)?;
     let mut blocks = Vec::new();
@@ -78,7 +78,7 @@ pub fn parse_log(text: &str) -> Result<Log, FormatError> {
 /// Parses a `cam_poses.txt`: a frame number and a 4×4 matrix per row.
 ///
 /// # Errors
-/// Names the row that does not have 17 numbers.
+/// If a row does not have 17 numbers; names it.
 pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, FormatError> {
     text.lines()
         .enumerate()
@@ -112,7 +112,7 @@ impl SimilarityTransform {
     /// Creates a similarity from a row-major 4×4 matrix.
     ///
     /// # Errors
-    /// The reason, if the matrix is not finite, not affine, mirroring, or not a rotation times a scale.
+    /// If the matrix is not finite, not affine, mirroring, or not a rotation times a scale.
     pub fn from_row_major(m: &[f64; 16]) -> Result<Self, FormatError> {
         let affine = affine_from_row_major(m).map_err(|e| invalid!("{e}"))?;
         let determinant = affine.matrix3.determinant();
@@ -146,7 +146,7 @@ impl SimilarityTransform {
 /// Parses a `_trans.txt`: a 4×4 similarity.
 ///
 /// # Errors
-/// Not 16 numbers, or not a similarity.
+/// If there are not 16 numbers, or they are not a similarity.
 pub fn parse_similarity(text: &str) -> Result<SimilarityTransform, FormatError> {
     let row = <[f64; 16]>::try_from(numbers(text)?);
     let row = row.map_err(|row| invalid!("there are {} numbers instead of 16", row.len()))?;

@@ -69,8 +69,8 @@ const INTRINSIC_KEYS: [&str; 18] = [
 /// Parses a `transforms.json`.
 ///
 /// # Errors
-/// Not JSON, no frames, or a frame without a path or with a matrix of another shape. A pose that is
-/// not finite or not rigid is no error here; its frame records it.
+/// If it is not JSON, has no frames, or a frame has no path or a matrix of another shape. A pose that is not finite or not
+/// rigid is no error here; its frame records it.
 pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     let document = lenient_json::parse(text)?;
     let top = document
@@ -194,7 +194,7 @@ impl JsonFrame {
     /// Width and height, if stated.
     ///
     /// # Errors
-    /// The reason, if they are not valid pixel counts (integers may be written as floats).
+    /// If they are not valid pixel counts (integers may be written as floats).
     pub fn size(&self) -> Result<Option<(u32, u32)>, FormatError> {
         let side = |key: &str| match self.intrinsics.number(key)? {
             None => Ok(None),
@@ -206,7 +206,7 @@ impl JsonFrame {
         Ok(side("w")?.zip(side("h")?))
     }
 
-    /// The camera for a picture of this size.
+    /// The camera for a picture of the given `size`.
     ///
     /// # Errors
     /// [`FormatError::Lens`] for an unknown camera model or invalid intrinsics, [`FormatError::Invalid`] if there is no

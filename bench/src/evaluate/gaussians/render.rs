@@ -91,7 +91,7 @@ pub(in crate::evaluate) fn placed(
 /// `pose_rotation_deg`, `pose_translation_m` and `pose_steps`.
 ///
 /// # Errors
-/// See [`RenderError`].
+/// If rendering fails.
 pub(in crate::evaluate) fn render(
     prediction: &GaussianPrediction,
     scale: Option<f64>,

@@ -101,7 +101,7 @@ struct SeenSource {
 /// suggested only by the stored numbers is dropped if the photograph is explained without it.
 ///
 /// # Errors
-/// See [`RenderError`].
+/// If rendering fails.
 pub(in crate::evaluate) fn check_source(
     prediction: &GaussianPrediction,
     source: &CheckedSource<'_>,
