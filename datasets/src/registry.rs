@@ -167,7 +167,7 @@ mod tests {
             ("middlebury", "middlebury=FOLDER"),
             ("middlebury,right=im1E", "middlebury=FOLDER"),
             (":middlebury=/x", "empty"),
-            ("middlebury=/x,right=im2", "one of: im1, im1E, im1L"),
+            ("middlebury=/x,right=im2", "one of im1, im1E, im1L"),
             ("middlebury=/x,left=im0", "no setting 'left'"),
             ("synthetic=seed=1,seed=2", "twice"),
             ("synthetic=/x", "not key=value"),

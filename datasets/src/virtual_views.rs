@@ -410,7 +410,7 @@ mod tests {
             (",path=swipe,step=1", "path=swipe does not use 'step'"),
             (",near=2", "path=lateral does not use 'near'"),
             (",path=orbit,focus=-1", "'focus' cannot be '-1'"),
-            (",path=zigzag", "one of: lateral"),
+            (",path=zigzag", "one of lateral"),
         ] {
             let reason = reason(settings);
             assert!(reason.contains(part), "{reason}");

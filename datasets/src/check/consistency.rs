@@ -133,10 +133,13 @@ mod tests {
         let views = views(0.1);
         assert_eq!(complaint(&views), None);
         for (take, name) in [
-            (RigidTransform::inverse as fn(&_) -> _, "exchanged: "),
+            (
+                RigidTransform::inverse as fn(&_) -> _,
+                "world-to-camera exchanged (",
+            ),
             (flip, "OpenGL"),
-            (|pose| flip(&pose.inverse()), "exchanged: "),
-            (|pose| flip(pose).inverse(), "exchanged, and OpenGL"),
+            (|pose| flip(&pose.inverse()), "world-to-camera exchanged ("),
+            (|pose| flip(pose).inverse(), "exchanged, and also OpenGL"),
         ] {
             let complaint = taken(&views, take).unwrap();
             assert!(complaint.contains(name), "{name}: {complaint}");
@@ -177,6 +180,9 @@ mod tests {
         );
         assert_eq!(complaint(&masked), None);
         let complaint = taken(&masked, RigidTransform::inverse).unwrap();
-        assert!(complaint.contains("exchanged: "), "{complaint}");
+        assert!(
+            complaint.contains("world-to-camera exchanged ("),
+            "{complaint}"
+        );
     }
 }

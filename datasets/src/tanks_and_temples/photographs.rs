@@ -326,7 +326,7 @@ mod tests {
                 &[0, 1],
                 "numbered 0 to 2 in images, but 2 blocks",
             ),
-            (&["1.jpg", "2.jpg"], &[1, 2], "numbering must start at 0"),
+            (&["1.jpg", "2.jpg"], &[1, 2], "number the blocks from 0"),
             (&["1.jpg", "01.jpg"], &[0, 1], "the same number"),
         ] {
             let error = pictures(names).by_block(&log(blocks)).unwrap_err();
