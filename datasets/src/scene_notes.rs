@@ -49,8 +49,8 @@ pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     })
 }
 
-/// Warns if all pictures are 16-bit but none has a value above a quarter of the range. `stored` yields the colour type in
-/// each picture's header.
+/// Warns if all pictures are 16-bit but none has a value above a quarter of the range. `stored` yields the colour type
+/// in each picture's header.
 fn unscaled(scene: &Scene, mut stored: impl ExactSizeIterator<Item = ColorType>) -> Option<String> {
     use ColorType::{L16, La16, Rgb16, Rgba16};
     let is_deep =

@@ -14,13 +14,14 @@ use crate::pairs::pair_id::source_of;
 
 /// Ratio of rendered to true depth, or of true to rendered, beyond which the unit is probably not the metre.
 const UNLIKELY_SCALE: f64 = 10.0;
-/// Outliers are detected only among at least this many sources. With fewer sources, most are tried under other readings anyway.
+/// Outliers are detected only among at least this many sources. With fewer sources, most are tried under other readings
+/// anyway.
 const FEWEST_SOURCES: usize = 4;
-/// Wrong sources have a PSNR below that of the others by at least this, dB: the gain of explaining half of a photograph's variance
-/// over explaining none of it.
+/// Wrong sources have a PSNR below that of the others by at least this, dB: the gain of explaining half of a
+/// photograph's variance over explaining none of it.
 const MIN_GAP: f64 = 6.0;
-/// The gap must be at least this multiple of the distance between the worst and the median of the other sources. A larger
-/// ratio is rare by chance.
+/// The gap must be at least this multiple of the distance between the worst and the median of the other sources. A
+/// larger ratio is rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
 /// Across scenes, only sources below this PSNR count as outliers, dB. It is the PSNR of a uniform picture in the mean
 /// colour, for a photograph with a contrast of 45 levels.
@@ -154,8 +155,8 @@ pub(super) fn joint_doubts<'a>(
     found
 }
 
-/// A sentence with the targets that a method was trained on, or a report that none of its stated training views is in the
-/// records' pairs.
+/// A sentence with the targets that a method was trained on, or a report that none of its stated training views is in
+/// the records' pairs.
 fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<String> {
     let of_views = |record: &'a Record| {
         let [source, target] = TRAINED_ON.map(|name| record.extras.get(name).map(|v| *v > 0.0));

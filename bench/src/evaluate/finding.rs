@@ -363,7 +363,8 @@ fn is_zero(value: &i16) -> bool {
 }
 
 impl Framing {
-    /// Framings may share a cause if their zoom, roll and shift differ by at most these; more is allowed for large zooms.
+    /// Framings may share a cause if their zoom, roll and shift differ by at most these; more is allowed for large
+    /// zooms.
     const UNEVEN: [i16; 3] = [25, 700, 4];
     /// A framing counts as wrong if its zoom, roll or shift differs from the target's by at least these.
     const MIN_FRAMING: [i16; 3] = [15, 700, 5];

@@ -1,5 +1,5 @@
-//! Sentences on changes that the pictures of a dataset have in common, or that single ones clearly have, and on pictures
-//! stored under several names.
+//! Sentences on changes that the pictures of a dataset have in common, or that single ones clearly have, and on
+//! pictures stored under several names.
 
 use std::collections::{BTreeMap, BTreeSet};
 

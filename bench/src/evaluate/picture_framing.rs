@@ -35,15 +35,15 @@ const PRIOR: f64 = 0.05;
 const MAX_OFF_FIT: f64 = 1.0;
 /// At least this share of the blocks must agree with a fit.
 const MIN_AGREEING: f64 = 0.6;
-/// A fit must lower the mean distance from the lines by at least the first number, pixels, and at least to the share that
-/// is the second.
+/// A fit must lower the mean distance from the lines by at least the first number, pixels, and at least to the share
+/// that is the second.
 const GAIN: (f64, f64) = (0.3, 0.5);
 /// [`GAIN`] for a distortion, which hardly moves the middle.
 const GAIN_OF_LENS: (f64, f64) = (0.1, 0.6);
 /// From this zoom on, as a share, blocks are searched again after undoing it.
-const RESAMPLED: f64 = 0.01;
+const MIN_RESAMPLED_ZOOM: f64 = 0.01;
 /// Maximum number of such searches.
-const REPEATED: usize = 4;
+const MAX_RESAMPLINGS: usize = 4;
 /// Zooms that are undone if too few blocks are found.
 const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
 /// Larger distances count as this one, pixels.
@@ -51,8 +51,8 @@ const MAX_DISTANCE: f64 = 3.0;
 
 /// Measures how a picture frames its target; `None` if the framing is correct or cannot be measured. Picture and
 /// target's photograph are shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is
-/// that of the pose that maps from the source's camera to the target's. Large zooms, at which hardly any block is found,
-/// are not tried if the content `is_moving` as in the target.
+/// that of the pose that maps from the source's camera to the target's. Large zooms, at which hardly any block is
+/// found, are not tried if the content `is_moving` as in the target.
 pub(super) fn shown_framing(
     intrinsics: Intrinsics,
     translation: DVec3,
@@ -89,9 +89,9 @@ pub(super) fn shown_framing(
         }
     }
     // Blocks of another size are found badly, so they are searched again at the size that was measured.
-    for _ in 0..REPEATED {
+    for _ in 0..MAX_RESAMPLINGS {
         let zoom = best.zoom * (1.0 + best.fit?.x / view.half);
-        if (zoom / best.zoom - 1.0).abs() < RESAMPLED {
+        if (zoom / best.zoom - 1.0).abs() < MIN_RESAMPLED_ZOOM {
             break;
         }
         let again = view.measured(shown, zoom);
@@ -199,8 +199,8 @@ impl FramedTarget<'_> {
         self.agrees(lines, fit) && is_gain(before, after, GAIN)
     }
 
-    /// The radial distortion (OpenCV's k1) that explains the blocks clearly better than the target's own camera and than
-    /// the `framing` that explains them.
+    /// The radial distortion (OpenCV's k1) that explains the blocks clearly better than the target's own camera and
+    /// than the `framing` that explains them.
     fn lens(&self, measured: &Measured, framing: Option<DVec4>) -> Option<f64> {
         measured.fit?;
         let lines = &measured.lines;
@@ -324,8 +324,8 @@ mod tests {
     use super::super::picture_motion::tests::{PLANE, camera, pose, view};
     use super::*;
 
-    /// How pictures by another camera, turned by `roll` radians, frame two targets: one of a stereo pair, one of a turned
-    /// camera. `plane` is the predicted depth.
+    /// How pictures by another camera, turned by `roll` radians, frame two targets: one of a stereo pair, one of a
+    /// turned camera. `plane` is the predicted depth.
     fn told(intrinsics: Intrinsics, roll: f64, plane: DVec3) -> [Option<Framing>; 2] {
         let stereo = pose(0.0, [-0.15, 0.0, 0.0]);
         let turned = pose(0.03, [0.12, 0.06, 0.02]);

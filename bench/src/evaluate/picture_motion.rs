@@ -1,8 +1,8 @@
 //! Detects pictures whose motion differs from the target's: a multiple of the true motion, or that of a misread pose.
 //!
 //! Blocks of the source's photograph are located in the target's along their epipolar lines, which gives their inverse
-//! depths, and then in the picture. To avoid false alarms on poor predictions, at least half of the blocks must agree on
-//! one cause and contradict the true motion, and `picture_order` requires most pictures to agree.
+//! depths, and then in the picture. To avoid false alarms on poor predictions, at least half of the blocks must agree
+//! on one cause and contradict the true motion, and `picture_order` requires most pictures to agree.
 
 use std::ops::RangeInclusive;
 
@@ -53,7 +53,7 @@ const MIN_AGREEING_STILL: f64 = 0.8;
 /// From this rotation on, the inverse pose is distinguished from a negated translation, degrees.
 const MIN_TURN: f64 = 0.5;
 /// A translation is along one axis if that component is at least this share of its length.
-const ALONG_AXIS: f64 = 0.97;
+const MIN_ALONG_AXIS: f64 = 0.97;
 /// A block is at an expected place if its distance from it is at most this, pixels.
 const MAX_OFF: f64 = 1.0;
 /// [`MAX_OFF`] as a share of the motion; the larger of the two counts.
@@ -178,7 +178,8 @@ pub(super) fn shown_camera(
             // Similar to the source's view and to multiples of the motion, which have to explain fewer blocks.
             // With one component only, reversing it negates the translation.
             ShownCamera::Reversed(axis)
-                if translation[usize::from(*axis)].abs() >= ALONG_AXIS * translation.length() =>
+                if translation[usize::from(*axis)].abs()
+                    >= MIN_ALONG_AXIS * translation.length() =>
             {
                 false
             }
@@ -198,7 +199,8 @@ pub(super) fn shown_camera(
     }
 }
 
-/// A block of the source's photograph with a distinct place in the target's. Places are in steps along its epipolar line.
+/// A block of the source's photograph with a distinct place in the target's. Places are in steps along its epipolar
+/// line.
 struct Block {
     /// Its place in the target's photograph.
     own: f64,
@@ -275,8 +277,8 @@ impl Search<'_> {
 }
 
 /// Percentage of the true motion by which the blocks moved, and the share of the blocks that agree. Motion is measured
-/// from the place at infinite depth (scaled translations) or from the place in the source (scaled warps), whichever fits
-/// better. The two differ if the camera is turned or has another principal point.
+/// from the place at infinite depth (scaled translations) or from the place in the source (scaled warps), whichever
+/// fits better. The two differ if the camera is turned or has another principal point.
 fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
     let found = blocks
         .iter()

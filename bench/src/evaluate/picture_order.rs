@@ -32,14 +32,14 @@ const OTHERS: usize = 12;
 const FEWEST: usize = 3;
 /// A picture shows another target only if it is closer to it than to its own by at least this, dB.
 const MIN_GAIN: f64 = 2.0;
-/// A picture is a copy of the source's photograph, perhaps stored as JPEG, if its PSNR against that is at least this, dB,
-/// and [`MIN_COPY_GAIN`] holds, too.
+/// A picture is a copy of the source's photograph, perhaps stored as JPEG, if its PSNR against that is at least this,
+/// dB, and [`MIN_COPY_GAIN`] holds, too.
 const MIN_COPY_PSNR: f64 = 40.0;
 /// A copy is closer to the source's photograph than to the target's by at least this, dB.
 const MIN_COPY_GAIN: f64 = 10.0;
 
-/// A prediction shows the source's view if it is closer to the source's photograph than to the target's by at least this,
-/// dB, and [`MIN_SOURCE_VIEW_ERROR`] holds, too.
+/// A prediction shows the source's view if it is closer to the source's photograph than to the target's by at least
+/// this, dB, and [`MIN_SOURCE_VIEW_ERROR`] holds, too.
 const MIN_SOURCE_VIEW_GAIN: f64 = 3.0;
 /// Such a prediction has at least this squared error against the target, relative to that of the source's photograph. A
 /// prediction that moves has less.
@@ -271,8 +271,8 @@ pub(super) fn is_resized(change: Option<PictureChange>) -> bool {
     matches!(change, Some(PictureChange::Cropped | PictureChange::Padded))
 }
 
-/// The datasets whose pictures agree on another focal length, lens or placement of the camera, which explains why some seem
-/// to be resized.
+/// The datasets whose pictures agree on another focal length, lens or placement of the camera, which explains why some
+/// seem to be resized.
 pub(super) fn reframed_datasets<'a>(
     records: impl Iterator<Item = &'a Record>,
 ) -> BTreeSet<&'a str> {

@@ -11,9 +11,9 @@ use crate::pairs::valid_depth::median_of;
 /// Number of cells across and down.
 const GRID: [u32; 2] = [40, 30];
 /// A cell may have foreign content if picture and target differ there by at least this, levels.
-const WRONG: u8 = 12;
+const MIN_FOREIGN_DIFFERENCE: u8 = 12;
 /// Content counts as equal if it differs from its median by at most this, levels.
-const EQUAL: u8 = 3;
+const MAX_EQUAL_DIFFERENCE: u8 = 3;
 /// Pictures are compared only if they have at least this many targets.
 const MIN_TARGETS: usize = 4;
 /// Pictures are compared only if they have at least this many sources: predictions from one source may be alike.
@@ -22,7 +22,7 @@ const MIN_SOURCES: usize = 3;
 const MIN_SHARE: f64 = 0.8;
 /// The targets of these pictures must differ from their median by at least this, as a median, levels: what is equal in
 /// them is not foreign.
-const TARGETS_DIFFER: f64 = 8.0;
+const MIN_TARGET_DIFFERENCE: f64 = 8.0;
 /// The content must fill at least this many cells.
 const MIN_CELLS: usize = 8;
 /// The content must fill at least this share of the rectangle around it: other faults are scattered.
@@ -45,7 +45,7 @@ pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<Cell> {
     let both = levels(picture).into_iter().zip(levels(target));
     let wrong = (0..)
         .zip(both)
-        .filter(|(_, (own, seen))| own.abs_diff(*seen) >= WRONG);
+        .filter(|(_, (own, seen))| own.abs_diff(*seen) >= MIN_FOREIGN_DIFFERENCE);
     wrong.map(|(cell, (own, seen))| (cell, own, seen)).collect()
 }
 
@@ -81,11 +81,11 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
     }
     let stamped = levels.into_iter().filter_map(|(cell, mut levels)| {
         let own = median_of(levels.iter().map(|level| level.0).collect())? as u8;
-        levels.retain(|level| level.0.abs_diff(own) <= EQUAL);
+        levels.retain(|level| level.0.abs_diff(own) <= MAX_EQUAL_DIFFERENCE);
         let seen = median_of(levels.iter().map(|level| level.1).collect())? as u8;
         let apart = levels.iter().map(|level| level.1.abs_diff(seen));
         let is_stamped = levels.len() as f64 >= MIN_SHARE * all as f64
-            && median_of(apart.collect())? >= TARGETS_DIFFER;
+            && median_of(apart.collect())? >= MIN_TARGET_DIFFERENCE;
         is_stamped.then_some((u32::from(cell), own))
     });
     let stamped: Vec<(u32, u8)> = stamped.collect();

@@ -1,5 +1,5 @@
-//! Detects an exposure, white balance or tone curve that all pictures of a dataset have and their targets do not, darker
-//! corners, and masked backgrounds.
+//! Detects an exposure, white balance or tone curve that all pictures of a dataset have and their targets do not,
+//! darker corners, and masked backgrounds.
 //!
 //! Sorted levels are compared, which depend neither on places nor, in reduced pictures, on noise and blur. Methods that
 //! reproduce levels badly do so in each picture differently; only one curve for nearly all of them is evidence.
@@ -32,11 +32,11 @@ const MIN_SHARE: f64 = 0.8;
 /// A curve is sought only if the root mean square difference from the targets' levels is at least this.
 const MIN_OFF: f64 = 8.0;
 /// A curve explains levels if its squared error is at most this multiple of that without it.
-const EXPLAINED: f64 = 0.25;
+const MAX_EXPLAINED_ERROR: f64 = 0.25;
 /// A curve with more parameters must reduce the squared error to this fraction.
-const BETTER: f64 = 0.6;
+const MAX_BETTER_ERROR: f64 = 0.6;
 /// Exposures of sources are reported only if at least this share of the pictures follow them.
-const FOLLOWING: f64 = 0.4;
+const MIN_FOLLOWING: f64 = 0.4;
 /// The means differ by at least this multiple of the root mean square difference unless only contrast was lost.
 const MIN_MEAN_SHARE: f64 = 0.7;
 /// Gains are a white balance if those of two channels differ by at least this factor.
@@ -52,8 +52,8 @@ const MIN_BETWEEN: f64 = 0.15;
 /// The places between middle and corners are darkened by at most this share of the corners' darkening.
 const MAX_BETWEEN: f64 = 0.85;
 
-/// A picture counts as masked if at least this share of the content is black or white, percent. Holes of predictions are
-/// where the source shows nothing.
+/// A picture counts as masked if at least this share of the content is black or white, percent. Holes of predictions
+/// are where the source shows nothing.
 const MIN_MASKED_PERCENT: u8 = 5;
 /// Masks are reported only if at least this share of the pictures are masked.
 const MIN_MASKED_SHARE: f64 = 0.5;
@@ -264,17 +264,17 @@ fn explaining(pairs: &[LevelPair]) -> Option<Curve> {
     let (line, is_shifted) = (error_of_line(pairs), shift.abs() >= MIN_MEAN_SHARE * off);
     let is_told = |curve: &Curve| match curve {
         Curve::Power { gamma, .. } if *gamma != 1.0 => {
-            is_shifted || error(pairs, *curve) <= BETTER * line
+            is_shifted || error(pairs, *curve) <= MAX_BETTER_ERROR * line
         }
         _ => true,
     };
     let best = curves.into_iter().filter(is_told).reduce(|best, curve| {
-        match error(pairs, curve) < BETTER * error(pairs, best) {
+        match error(pairs, curve) < MAX_BETTER_ERROR * error(pairs, best) {
             true => curve,
             false => best,
         }
     })?;
-    (255.0 * off >= MIN_OFF && error(pairs, best) <= EXPLAINED * before).then_some(best)
+    (255.0 * off >= MIN_OFF && error(pairs, best) <= MAX_EXPLAINED_ERROR * before).then_some(best)
 }
 
 /// A sentence for each dataset whose pictures have one curve or dark corners in common.
@@ -375,7 +375,7 @@ fn exposures_of_sources(tones: &[&Tone], dataset: &str) -> Option<String> {
             .is_some_and(|curve| explained(&[level_pairs(&tone.target, &tone.picture)], curve) == 1)
     });
     let (count, all) = (following.count(), tones.len());
-    (count >= MIN_PICTURES && count as f64 >= FOLLOWING * all as f64).then(|| {
+    (count >= MIN_PICTURES && count as f64 >= MIN_FOLLOWING * all as f64).then(|| {
         format!(
             "its pictures have the exposure or white balance of their sources, which differs from the targets' in {count} of \
              the {all} compared pairs of {dataset}; use photographs of one exposure, or compare \

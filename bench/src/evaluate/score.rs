@@ -115,8 +115,8 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
-/// Shares of the memory limit for different purposes, bytes. The rest is for the metrics' networks, the target, and the picture being
-/// rendered.
+/// Shares of the memory limit for different purposes, bytes. The rest is for the metrics' networks, the target, and the
+/// picture being rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryShares {
     /// Share for the Gaussians of a source.

@@ -175,8 +175,8 @@ fn size(path: &Path) -> u64 {
     inside.unwrap_or_else(|_| of_file(path))
 }
 
-/// A warning if the principal point for which a file was made differs from the dataset's. SHARP assumes the centre of the
-/// photograph.
+/// A warning if the principal point for which a file was made differs from the dataset's. SHARP assumes the centre of
+/// the photograph.
 fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String> {
     let is_same_size = (stored.width, stored.height) == (own.width, own.height);
     let by = [stored.cx - own.cx, stored.cy - own.cy].map(|by| (by * 1000.0).round() / 1000.0);

@@ -5,15 +5,15 @@ use super::small_view::{Grey, Sample};
 /// Radius of the compared blocks, in reduced pixels.
 const RADIUS: u32 = 3;
 /// Maximum number of blocks examined; only those with enough contrast are compared.
-const BLOCKS: usize = 1500;
+const MAX_BLOCKS: usize = 1500;
 /// Blocks are compared only if their standard deviation is at least this, in levels.
 const MIN_CONTRAST: f32 = 8.0;
 /// Up to this distance from the disparity, in reduced pixels, a best match counts as being at the disparity.
-const NEAR: f64 = 1.0;
+const MAX_OFF: f64 = 1.0;
 /// A pair is judged only if at least this many blocks were compared.
-const FEWEST: usize = 200;
-/// A pair is reported if less than this fraction of its blocks match best at their disparity. In consistent pairs it is 0.4 to 0.9, also with
-/// different exposures; with another scene's disparities it is below 0.2.
+const MIN_BLOCKS: usize = 200;
+/// A pair is reported if less than this fraction of its blocks match best at their disparity. In consistent pairs it is
+/// 0.4 to 0.9, also with different exposures; with another scene's disparities it is below 0.2.
 const MIN_NEAR: f64 = 0.3;
 /// From this median correlation of the best matches on, two pictures count as showing one scene.
 const MIN_RELATED: f32 = 0.8;
@@ -21,7 +21,8 @@ const MIN_RELATED: f32 = 0.8;
 /// match equally well anywhere.
 const MIN_NEAR_OF_UNRELATED: f64 = 0.12;
 
-/// Differences of a block's levels from their mean, and their Euclidean norm. `None` outside the picture or under a mask.
+/// Differences of a block's levels from their mean, and their Euclidean norm. `None` outside the picture or under a
+/// mask.
 fn block(picture: &Grey, x: i64, y: i64) -> Option<(Vec<f32>, f32)> {
     let (width, height) = picture.size();
     let fits = |at: i64, side: u32| at >= i64::from(RADIUS) && at + i64::from(RADIUS) < side.into();
@@ -48,7 +49,7 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
     let (low, high) = (low?.floor() as i64 - 8, high?.ceil() as i64 + 8);
     let (low, high) = (low.max(-width), high.min(width));
     let (mut near, mut best) = (0, Vec::new());
-    for sample in samples.iter().step_by(samples.len().div_ceil(BLOCKS)) {
+    for sample in samples.iter().step_by(samples.len().div_ceil(MAX_BLOCKS)) {
         let (x, y) = (i64::from(sample.x), i64::from(sample.y));
         let Some((own, length)) = block(left, x, y) else {
             continue;
@@ -64,7 +65,7 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
             Some((product / (length * size.max(1e-3)), d))
         });
         if let Some((related, d)) = matches.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            near += usize::from((d as f64 - sample.depth).abs() <= NEAR);
+            near += usize::from((d as f64 - sample.depth).abs() <= MAX_OFF);
             best.push(related);
         }
     }
@@ -83,7 +84,7 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
             "perhaps the right picture is from another pair",
         ),
     };
-    (best.len() >= FEWEST && share < least).then(|| {
+    (best.len() >= MIN_BLOCKS && share < least).then(|| {
         format!(
             "{what}: only {:.0} % of {} blocks match best at their disparity (40 % or more is usual); {cause}; if so, \
              replace it with this pair's own",

@@ -29,8 +29,8 @@ pub struct Consistency {
     pub as_read: Fit,
     /// With other conventions that are commonly confused with the reader's.
     pub otherwise: Vec<Fit>,
-    /// Of the depth values that land on a pixel with depth in the other view, the fraction that agree, in the best pair. `None` if too few values land there (neighbours that see different
-    /// things, or sparse depth).
+    /// Of the depth values that land on a pixel with depth in the other view, the fraction that agree, in the best
+    /// pair. `None` if too few values land there (neighbours that see different things, or sparse depth).
     pub meeting: Option<f64>,
     /// Number of pairs of views that were examined.
     pub pairs: usize,

@@ -9,8 +9,8 @@ use super::small_view::WIDEST;
 /// Depth contradicts a pair of views if the median distance of matches from their predicted places is at least this, in
 /// reduced pixels, and [`MAX_CLOSE`] holds, too. Consistent scenes have medians below 1.
 const MIN_MISS: f64 = 2.5;
-/// In such a pair, at most this fraction of the matches are within [`CLOSE`] of their predicted places. Consistent scenes
-/// have fractions above 0.8.
+/// In such a pair, at most this fraction of the matches are within [`CLOSE`] of their predicted places. Consistent
+/// scenes have fractions above 0.8.
 const MAX_CLOSE: f64 = 0.35;
 /// A match is close to its predicted place if their distance is below this, in reduced pixels.
 const CLOSE: f64 = 2.0;

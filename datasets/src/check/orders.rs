@@ -21,8 +21,8 @@ const MIN_VIEWS: usize = 5;
 /// due to one wrong pose.
 const MIN_SHIFTED: usize = 2;
 
-/// The poses of two other views must remove at least this fraction of a pair's loss. The fraction is high, because these
-/// poses are the best of many.
+/// The poses of two other views must remove at least this fraction of a pair's loss. The fraction is high, because
+/// these poses are the best of many.
 const MIN_GAIN_ELSEWHERE: f64 = 0.25;
 /// Samples per view in the search for the poses of two other views.
 const SAMPLES_ELSEWHERE: usize = 500;

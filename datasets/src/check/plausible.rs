@@ -10,8 +10,8 @@ use crate::View;
 
 /// Plausible focal lengths, in widths of the picture.
 const FOCAL_WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
-/// A principal point is implausible farther than this from the centre, in widths and heights of the picture. A centred point that
-/// was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
+/// A principal point is implausible farther than this from the centre, in widths and heights of the picture. A centred
+/// point that was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
 /// A principal point counts as centred up to this distance from the centre, in widths and heights of the picture.
@@ -56,8 +56,8 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
     })
 }
 
-/// Size of the pictures for which a camera seems to be calibrated, relative to its own; `None` unless its principal point
-/// is far off the centre by the same factor in both directions.
+/// Size of the pictures for which a camera seems to be calibrated, relative to its own; `None` unless its principal
+/// point is far off the centre by the same factor in both directions.
 fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;

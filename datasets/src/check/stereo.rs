@@ -232,9 +232,9 @@ impl Pair {
         block_match::mismatch(&left, &right, &samples.collect::<Vec<_>>())
     }
 
-    /// A sentence on the interpretation that explains the pictures significantly better than the pair as read, if any. `flipped` are pairs with
-    /// flipped disparities; `full` is the photographs' size relative to the reduced ones. `has_unit` is true if a
-    /// setting gives the disparities' unit.
+    /// A sentence on the interpretation that explains the pictures significantly better than the pair as read, if any.
+    /// `flipped` are pairs with flipped disparities; `full` is the photographs' size relative to the reduced ones.
+    /// `has_unit` is true if a setting gives the disparities' unit.
     fn better(
         &self,
         flipped: &[(&str, Self)],

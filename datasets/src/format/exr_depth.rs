@@ -56,8 +56,8 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
 /// Width and height of the largest layer, from the header.
 ///
 /// # Errors
-/// If the file is not EXR, states a size that a file of its length cannot contain, or has more samples than four pictures
-/// of the maximum camera size.
+/// If the file is not EXR, states a size that a file of its length cannot contain, or has more samples than four
+/// pictures of the maximum camera size.
 pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     let meta =
         MetaData::read_from_buffered(Cursor::new(bytes), true).map_err(|e| invalid!("{e}"))?;

@@ -59,8 +59,8 @@ fn map_size(shape: &[usize]) -> Result<(u32, u32), FormatError> {
 /// `depth` or `disp`).
 ///
 /// # Errors
-/// If it is not a NumPy file, is an object array (which would require unpickling and is never read), or has fewer values
-/// than its shape requires.
+/// If it is not a NumPy file, is an object array (which would require unpickling and is never read), or has fewer
+/// values than its shape requires.
 pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     if bytes.starts_with(b"PK") {
         parse_array(&unpacked(bytes, u64::MAX)?)

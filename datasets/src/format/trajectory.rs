@@ -22,8 +22,8 @@ pub struct NumberedPose {
 pub struct Log {
     /// Indices of all blocks, in order; 0 belongs to the first picture.
     pub blocks: Vec<i64>,
-    /// Poses, sorted by the index of their block. Blocks whose second number is −1 represent pictures without a pose and are
-    /// omitted.
+    /// Poses, sorted by the index of their block. Blocks whose second number is −1 represent pictures without a pose
+    /// and are omitted.
     pub poses: Vec<NumberedPose>,
 }
 

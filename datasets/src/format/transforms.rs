@@ -69,8 +69,8 @@ const INTRINSIC_KEYS: [&str; 18] = [
 /// Parses a `transforms.json`.
 ///
 /// # Errors
-/// If it is not JSON, has no frames, or a frame has no path or a matrix of another shape. A pose that is not finite or not
-/// rigid is no error here; its frame records it.
+/// If it is not JSON, has no frames, or a frame has no path or a matrix of another shape. A pose that is not finite or
+/// not rigid is no error here; its frame records it.
 pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     let document = lenient_json::parse(text)?;
     let top = document

@@ -269,8 +269,9 @@ impl World {
         seen * (light.exposure * sight.rays)
     }
 
-    /// Linear light that leaves a surface at `point` against the ray's direction, after the haze on its way. The distance
-    /// in `meeting` is that along the whole path from the camera. At most `layers` more mirrors and panes are followed.
+    /// Linear light that leaves a surface at `point` against the ray's direction, after the haze on its way. The
+    /// distance in `meeting` is that along the whole path from the camera. At most `layers` more mirrors and panes are
+    /// followed.
     fn seen(
         &self,
         object: usize,

@@ -16,14 +16,15 @@ const MIN_FACTOR: f64 = 1.5;
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
 /// Ray lengths are considered only with at least this many pixels.
 const FEWEST_RAYS: usize = 300;
-/// Ray lengths are considered only if the spread of the logarithms of depth ratios is at least this. In a narrow field of
-/// view, ray lengths hardly differ.
+/// Ray lengths are considered only if the spread of the logarithms of depth ratios is at least this. In a narrow field
+/// of view, ray lengths hardly differ.
 const MIN_SPREAD: f64 = 0.01;
 /// Correcting for ray lengths must reduce that spread to this share or less.
 const LEFT_BY_RAYS: f64 = 0.4;
 
-/// Warns if the rendered depth has a different unit from the true depth, is inverse depth, or is confused with ray length,
-/// unless prediction errors explain the difference. For another unit, also returns the ratio of rendered to true depth.
+/// Warns if the rendered depth has a different unit from the true depth, is inverse depth, or is confused with ray
+/// length, unless prediction errors explain the difference. For another unit, also returns the ratio of rendered to
+/// true depth.
 pub(super) fn depth_doubt(
     truth: &DepthMap,
     seen: &DepthMap,

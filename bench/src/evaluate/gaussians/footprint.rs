@@ -25,8 +25,8 @@ const MIN_MISSING: f64 = 0.3;
 /// background, where Gaussians may be missing on purpose, has hardly any.
 const MIN_DETAIL: f64 = 0.2;
 
-/// The share of a photograph that is empty, given the rendering's `alpha`; `None` unless the share is large and includes
-/// whole parts of the picture that are full of detail.
+/// The share of a photograph that is empty, given the rendering's `alpha`; `None` unless the share is large and
+/// includes whole parts of the picture that are full of detail.
 pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -> Option<f64> {
     let (width, height) = photograph.dimensions();
     let mut parts = [(0.0, 0.0, 0.0); (PARTS.0 * PARTS.1) as usize];

@@ -17,12 +17,12 @@ const MIN_OF_FOCALS: f64 = 0.85;
 const FOCALS: (i32, f64) = (20, 1.0353);
 /// Square pixels are preferred to a factor of fx or fy alone unless they explain a smaller fraction of the matches, by
 /// more than this.
-const SQUARE: f64 = 0.03;
+const MAX_LOST_BY_SQUARE: f64 = 0.03;
 /// Factors of the focal lengths that test whether the matches determine them; if so, these factors
 /// explain far fewer matches.
 const OTHER_FOCALS: [f64; 2] = [0.8, 1.25];
 /// Focal lengths whose relative difference is smaller are considered equal.
-const SAME: f64 = 0.02;
+const MAX_SAME_DIFFERENCE: f64 = 0.02;
 
 impl Matches<'_> {
     /// The same matches with the focal lengths of each view multiplied by these factors.
@@ -63,7 +63,8 @@ impl Matches<'_> {
                 Focal::X => first.fy / first.fx,
                 Focal::Y => first.fx / first.fy,
             };
-            let is_square = share(&explained(square)) >= share(&explained(best)) - SQUARE;
+            let is_square =
+                share(&explained(square)) >= share(&explained(best)) - MAX_LOST_BY_SQUARE;
             let factor = if is_square { square } else { best };
             let explained = explained(factor);
             let is_better = is_reportable(factor)
@@ -105,7 +106,7 @@ impl Matches<'_> {
 /// If the views have exactly two focal lengths, a description of their exchange and each view's factors.
 pub(in crate::check) fn exchanged_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
     let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
-    let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < SAME;
+    let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < MAX_SAME_DIFFERENCE;
     let one = views.first()?;
     let two = views
         .iter()

@@ -43,7 +43,8 @@ const MIN_SIDE: u32 = 48;
 pub(super) const MIN_MATCHES: usize = 30;
 /// Another interpretation must explain at least this fraction of the matches.
 const MIN_SHARE: f64 = 0.6;
-/// Another interpretation must explain a larger fraction of the matches than the dataset reader's own, by at least this.
+/// Another interpretation must explain a larger fraction of the matches than the dataset reader's own, by at least
+/// this.
 const MIN_MORE: f64 = 0.2;
 /// The number of explained matches must increase by at least this many standard errors.
 const MIN_ERRORS: f64 = 4.0;
