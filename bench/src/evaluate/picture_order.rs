@@ -308,7 +308,7 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
     .collect()
 }
 
-/// A sentence if most compared pictures show other targets than their own; `found` counts what they show. `pairs`
+/// A sentence if most compared pictures show targets other than their own; `found` counts what they show. `pairs`
 /// says which pairs they belong to.
 pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
     use ShownTarget::{Next, Other, Previous, Source, SourceView};

@@ -280,7 +280,7 @@ impl Evaluation {
                 others,
                 &self.scenes,
                 &self.methods,
-                "evaluate that method and pair in this command too, or choose another folder",
+                "evaluate that method and pair in this command, too, or choose another folder",
             )?;
             for what in replaced {
                 observer.warn(&format!(

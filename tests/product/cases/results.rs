@@ -43,7 +43,7 @@ fn another_method_on_replaced_photographs_is_refused_beside_the_old_one() {
     let before = fs::read(case.path("r/scores.csv")).unwrap();
     for part in ["", " --limit 1", " --scenes s1"] {
         let said = case.run(&format!("{mean}{part}"));
-        said.is_error_with(&["'copy'", "photograph", "'left'", "in this command too"]);
+        said.is_error_with(&["'copy'", "photograph", "'left'", "in this command, too"]);
     }
     assert_eq!(fs::read(case.path("r/scores.csv")).unwrap(), before);
     case.run(&format!("{mean} --method copy")).ends_with(0);

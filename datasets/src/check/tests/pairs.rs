@@ -1,4 +1,4 @@
-//! Rectified pairs with the calibration of another scene, or with other numbers than disparities.
+//! Rectified pairs with the calibration of another scene, or with numbers that are not disparities.
 
 use std::path::Path;
 
