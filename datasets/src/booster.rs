@@ -227,10 +227,10 @@ impl BoosterRig {
                 *b
             }
             (_, Some(b)) => b,
-            _ => return Err("neither baselineLR nor a 3x4 proj_matR".into()),
+            _ => return Err("there is neither baselineLR nor a 3x4 proj_matR".into()),
         };
         if !baseline_mm.is_finite() || baseline_mm <= 0.0 {
-            return Err(format!("the baseline is {baseline_mm} mm").into());
+            return Err(format!("the baseline is {baseline_mm} mm, but must be above zero").into());
         }
         let baseline_m = baseline_mm / 1000.0;
         let geometry = [left[0], right[0]].map(|focal| StereoGeometry {
@@ -267,7 +267,7 @@ impl BoosterRig {
     }
 }
 
-/// fx, fy, cx, cy of the first of these matrices that exists.
+/// fx, fy, cx and cy from the matrix named `projection` or, if there is none, `intrinsic`.
 fn camera(
     storage: &FileStorage,
     projection: &str,
@@ -288,7 +288,7 @@ fn camera(
             return Ok(found);
         }
     }
-    Err(format!("neither {projection} (3x4) nor {intrinsic} (3x3)").into())
+    Err(format!("there is neither {projection} (3x4) nor {intrinsic} (3x3)").into())
 }
 
 #[cfg(test)]

@@ -77,7 +77,7 @@ pub fn extract(folder: &Path) -> Result<PathBuf, DatasetError> {
     extract_scenes(folder, &SCENES[..1])
 }
 
-/// As [`extract`], with all four scenes: Motorcycle, Adirondack, Piano and Playroom.
+/// Like [`extract`], with all four scenes: Motorcycle, Adirondack, Piano and Playroom.
 ///
 /// # Errors
 /// As [`extract`].

@@ -34,7 +34,7 @@ pub(crate) struct CameraSizes {
     /// True if the format has [`CAMERA_SIZE`].
     pub(crate) is_offered: bool,
     rules: PictureRules,
-    /// Number of scaled cameras, by the camera's size and the picture's.
+    /// Number of scaled cameras, keyed by the camera's size and the picture's.
     scaled: BTreeMap<(PixelSize, PixelSize), usize>,
 }
 
@@ -88,7 +88,7 @@ impl CameraSizes {
             .map_err(|source| DatasetError::camera(image, source))
     }
 
-    /// One note per pair of sizes.
+    /// Notes on the scaled cameras, one for each pair of sizes.
     pub(crate) fn notes(&self) -> Vec<String> {
         self.scaled
             .iter()
@@ -120,8 +120,8 @@ pub(crate) fn check_size(
                 true => "set camera-size=scaled to scale the camera",
                 false => "use pictures of the camera's size, or a calibration for this size",
             };
-            let hint = "the ratio is the same on both axes";
-            DatasetError::malformed(path, format!("{reason}; {hint}: {helps}"))
+            let reason = format!("{reason}, by the same ratio on both axes; {helps}");
+            DatasetError::malformed(path, reason)
         }
         error => error,
     })
@@ -207,7 +207,7 @@ mod tests {
         };
         let error = |found| error_of(found, true);
         let helped = error((80, 60));
-        assert!(helped.starts_with("a.png: is 80x60, but its camera is for 160x120 pixels; "));
+        assert!(helped.starts_with("a.png: is 80x60, but its camera is for 160x120 pixels, "));
         assert!(helped.contains("camera-size=scaled"), "{helped}");
         let without = error_of((80, 60), false);
         assert!(

@@ -174,7 +174,7 @@ fn read_scene(
             cameras: model.files.clone(),
         })?;
     }
-    let hint = "; this format does not support masks, use `nerfstudio`";
+    let hint = "; this format does not support masks, but `nerfstudio` does";
     scene.notes.extend(scene_notes::unread_masks(folder, hint));
     scene.notes.extend(model.notes);
     if spec.setting("model") == "first" {
@@ -209,7 +209,7 @@ fn other_models(folder: &Path, read: &Path) -> Vec<String> {
     let models = models.iter().map(|model| {
         let place = model.strip_prefix(folder).unwrap_or(model).display();
         let size = pictures_of(colmap::picture_count(model));
-        format!("{place} with {size} (model={place})")
+        format!("{place} with {size} (model={place} would read it)")
     });
     models.collect()
 }

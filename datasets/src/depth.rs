@@ -115,10 +115,10 @@ impl ViewDepth {
 }
 
 /// If negative disparities outnumber positive ones by this factor, the sign is considered inverted.
-const MOSTLY: u64 = 20;
+const MIN_NEGATIVE_RATIO: u64 = 20;
 
 /// If there are this many different negative disparities, they are not marks of invalid pixels.
-const VALUES: usize = 8;
+const MIN_DIFFERENT_NEGATIVES: usize = 8;
 
 /// Up to one disparity in this many may be behind the cameras due to noise.
 const MAX_BEHIND: u64 = 20;
@@ -166,21 +166,22 @@ impl StereoGeometry {
                 // If all negative values are equal, they mark invalid pixels.
                 negative += u64::from(d != *mark.get_or_insert(d));
                 lowest = lowest.min(d);
-                if values.len() < VALUES {
+                if values.len() < MIN_DIFFERENT_NEGATIVES {
                     values.insert(d.to_bits());
                 }
             }
         }
-        let are_values = values.len() == VALUES && f64::from(lowest) + self.doffs > 0.0;
+        let are_values =
+            values.len() == MIN_DIFFERENT_NEGATIVES && f64::from(lowest) + self.doffs > 0.0;
         let least = if are_values { -widest } else { 0.0 };
         let stored = disparity.as_raw().iter();
         let depth = stored.map(|d| self.depth(*d, least)).collect();
-        if negative > MOSTLY * sane.max(1) {
+        if negative > MIN_NEGATIVE_RATIO * sane.max(1) {
             return Err(DatasetError::malformed(
                 path,
                 format!(
-                    "{negative} disparities are negative and {sane} positive; disparity must be positive: x in the \
-                     left picture minus x in the right one (or are the pictures exchanged?)"
+                    "{negative} disparities are negative and {sane} positive, but disparity (x in the left picture \
+                     minus x in the right one) must be positive; perhaps the pictures are exchanged"
                 ),
             ));
         }
@@ -189,8 +190,8 @@ impl StereoGeometry {
                 path,
                 format!(
                     "none of {strange} disparities lies within the picture's width of {widest} \
-                     pixels: are they in another unit (as in KITTI's 16-bit PNG, 1/256 pixel; with format \
-                     stereo, set disparity_unit in rig.txt), are they depths, or is the byte order wrong?"
+                     pixels; perhaps they are in another unit (as in KITTI's 16-bit PNG, 1/256 pixel; with format \
+                     stereo, set disparity_unit in rig.txt), they are depths, or the byte order is wrong"
                 ),
             ));
         }
@@ -200,8 +201,8 @@ impl StereoGeometry {
             return Err(DatasetError::malformed(
                 path,
                 format!(
-                    "{behind} of {sane} disparities are below {}, so their points would lie behind the cameras: are \
-                     the principal points of the two cameras exchanged?",
+                    "{behind} of {sane} disparities are below {}, so their points would lie behind the cameras; \
+                     perhaps the principal points of the two cameras are exchanged",
                     -self.doffs
                 ),
             ));
@@ -245,7 +246,8 @@ pub(crate) enum DepthEncoding {
     /// A self-describing file. A stored unit is this many metres or, for reciprocals, this many 1/m. In integer maps,
     /// 65535 means no depth, as 0 does. Dense: each pixel looks up the nearest stored one.
     Units(f64, DepthKind),
-    /// Headerless f32 values, metres. The map is sparse, so each sample is projected to its position in the pinhole view.
+    /// Headerless f32 values, metres. The map is sparse, so each sample is projected to its position in the pinhole
+    /// view.
     RawFloats,
 }
 

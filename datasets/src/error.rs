@@ -32,7 +32,7 @@ pub enum DatasetError {
     NoScene {
         path: PathBuf,
         format: &'static str,
-        /// The expected layout.
+        /// Description of the expected layout.
         expected: &'static str,
         /// Folders that could not be searched, after a semicolon; empty if none.
         note: String,

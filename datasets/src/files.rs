@@ -51,7 +51,7 @@ impl Root {
         }
     }
 
-    /// The folder as given.
+    /// The folder's path, as the user gave it.
     pub fn path(&self) -> &Path {
         &self.given
     }
@@ -165,7 +165,7 @@ impl Root {
 /// files, `__MACOSX`, AppleDouble `._*`. Names that are not UTF-8 are converted lossily.
 ///
 /// # Errors
-/// [`DatasetError::Io`].
+/// If the folder cannot be listed.
 pub fn list(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetError> {
     let mut entries = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|e| DatasetError::io(folder, e))? {

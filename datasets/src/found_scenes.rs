@@ -65,7 +65,7 @@ impl FoundScenes {
     /// Returns the scenes if none is faulty.
     ///
     /// # Errors
-    /// The first fault.
+    /// If a scene is faulty; the error is that of the first such scene.
     pub fn all(self) -> Result<Vec<Scene>, DatasetError> {
         let faults = self.left_out.into_iter();
         match faults.map(|scene| scene.why).find(Why::is_fault) {

@@ -88,7 +88,7 @@ impl LeftOut {
         reasons
             .map(|(reason, names)| {
                 format!(
-                    "{}: {} {}(s) left out, {reason}: {}",
+                    "{}: {} {}(s) left out ({}): {reason}",
                     file.display(),
                     names.len(),
                     self.what,

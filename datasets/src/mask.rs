@@ -48,9 +48,9 @@ impl MaskFile {
     }
 }
 
-/// Minimum fraction of a mask's pixels that have the level of an object.
+/// A level counts as that of an object if at least this fraction of a mask's pixels have it.
 const MIN_LABELLED: f64 = 0.01;
-/// Minimum fraction of the pixels between black and white that lie in areas of one level.
+/// A picture counts as a map of objects if at least this fraction of its grey pixels lie in areas of one level.
 const MIN_FLAT: f64 = 0.8;
 
 /// The first few levels of a map of objects or classes, which has three or more levels in uniform areas. `None` for a

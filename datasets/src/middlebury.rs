@@ -125,9 +125,12 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
             _ => false,
         };
         if spec.setting("scenes") == "training15" && !is_training15(id) {
-            found.rule_out(id, "scenes=training15: not of MiddEval3's training set");
+            found.rule_out(
+                id,
+                "scenes=training15, and it is not in MiddEval3's training set",
+            );
         } else if other && rectification == "one" {
-            let reason = "rectification=one: <Scene>-perfect is there too (any takes both)";
+            let reason = "rectification=one, and <Scene>-perfect exists, too (any would read both)";
             found.rule_out(id, reason);
         } else if other {
             found.rule_out(id, format!("rectification={rectification}"));
@@ -218,7 +221,7 @@ fn find_disparity(
     Ok(None)
 }
 
-/// True if MiddEval3's training set has a scene of that name.
+/// True if MiddEval3's training set has the scene of this id.
 fn is_training15(id: &str) -> bool {
     const NAMES: [&str; 15] = [
         "Adirondack",

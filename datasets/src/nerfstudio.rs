@@ -127,7 +127,7 @@ fn choice_note<'a>(
     let others: Vec<&str> = others.copied().collect();
     let choice = match others.as_slice() {
         [] if read == NAMES[0] => return None,
-        [] => format!("there is no {}", NAMES[0]),
+        [] => format!("because there is no {}", NAMES[0]),
         others => format!(
             "not {} next to it; to read another file, give its path",
             others.join(", ")
@@ -192,12 +192,12 @@ fn read_scene(
     let contradicting = file.frames.iter().filter(|f| f.contradicts_file).count();
     if contradicting > 0 {
         scene.notes.push(format!(
-            "{}: {contradicting} frame(s) have intrinsics that differ from the file's; using {}",
+            "{}: {contradicting} frame(s) have intrinsics that differ from the file's; those of the {}",
             json.display(),
             if by_file {
-                "the file's"
+                "file are used"
             } else {
-                "the frames' (intrinsics=file: the file's, as in nerfstudio)"
+                "frames are used (intrinsics=file would use the file's, as nerfstudio does)"
             }
         ));
     }

@@ -29,7 +29,7 @@ pub static ENTRIES: [&DatasetEntry; 11] = [
 /// Looks up the entry of a format.
 ///
 /// # Errors
-/// [`DatasetError::UnknownFormat`].
+/// [`DatasetError::UnknownFormat`] if there is no such format.
 pub fn entry(format: &str) -> Result<&'static DatasetEntry, DatasetError> {
     let found = ENTRIES.into_iter().find(|entry| entry.format == format);
     found.ok_or_else(|| DatasetError::UnknownFormat {
@@ -67,7 +67,7 @@ impl DatasetSpec {
         }
         let entry = entry(format)?;
         let procedural = format == synthetic::ENTRY.format;
-        let no_folder = || error(format!("no folder: write {format}=FOLDER"));
+        let no_folder = || error(format!("the folder is missing; write {format}=FOLDER"));
         if !procedural && text[head.len()..].starts_with(',') {
             return Err(no_folder());
         }
@@ -97,7 +97,7 @@ impl DatasetSpec {
             if !setting.any && setting.choices.iter().all(|c| c.value != value) {
                 let known: Vec<_> = setting.choices.iter().map(|c| c.value).collect();
                 return Err(error(format!(
-                    "'{key}' cannot be '{value}'; it is one of: {}",
+                    "'{key}' cannot be '{value}'; it must be one of {}",
                     known.join(", ")
                 )));
             }
@@ -121,7 +121,7 @@ impl DatasetSpec {
 /// Opens a dataset: finds its scenes and reads the cameras, but no pixels. Scenes are in natural order of their ids.
 ///
 /// # Errors
-/// The first error; names the file or folder and what is wrong with it.
+/// If a scene cannot be read; names the file or folder and what is wrong with it.
 pub fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
     open_each(spec)?.all()
 }
@@ -167,7 +167,7 @@ mod tests {
             ("middlebury", "middlebury=FOLDER"),
             ("middlebury,right=im1E", "middlebury=FOLDER"),
             (":middlebury=/x", "empty"),
-            ("middlebury=/x,right=im2", "one of: im1, im1E, im1L"),
+            ("middlebury=/x,right=im2", "one of im1, im1E, im1L"),
             ("middlebury=/x,left=im0", "no setting 'left'"),
             ("synthetic=seed=1,seed=2", "twice"),
             ("synthetic=/x", "not key=value"),

@@ -8,7 +8,7 @@ use serde::Serialize;
 #[serde(rename_all = "lowercase")]
 pub enum FileRole {
     Picture,
-    /// Intrinsics, poses, calibration.
+    /// File with intrinsics, poses or a calibration.
     Camera,
     /// Names of the scenes or frames in a split.
     List,

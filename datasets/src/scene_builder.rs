@@ -30,7 +30,7 @@ pub(crate) struct SceneBuilder<'a> {
     left_out: LeftOut,
     broken: Vec<LeftOutViews>,
     views: Vec<View>,
-    /// Pictures already used.
+    /// Pictures that a frame already uses.
     seen: BTreeSet<PathBuf>,
     /// Depth maps that belong to excluded frames.
     of_left_out: BTreeSet<PathBuf>,
@@ -135,7 +135,7 @@ impl<'a> SceneBuilder<'a> {
             let names: Vec<String> = names.iter().map(name).collect();
             self.notes.extend((!names.is_empty()).then(|| {
                 let (count, first) = (names.len(), first_few(&names));
-                format!("{}: {count} file(s) {why}: {first}", folder.display())
+                format!("{}: {count} file(s) {why} ({first})", folder.display())
             }));
         }
     }
@@ -188,7 +188,7 @@ pub(crate) const NO_POSE: &str = "the pose is not finite or not rigid";
 pub(crate) fn no_pose(error: &CameraError) -> &'static str {
     match error {
         CameraError::NotRigid { determinant, .. } if *determinant < 0.0 => {
-            "the pose mirrors space (its determinant is below zero: an axis is negated, or two are exchanged)"
+            "the pose mirrors space (its determinant is below zero, so an axis is negated or two are exchanged)"
         }
         _ => NO_POSE,
     }
@@ -297,7 +297,7 @@ fn unused(folder: &Path, used: &BTreeSet<PathBuf>, depth: usize, into: &mut Vec<
 
 const MAPS: [&str; 4] = ["npy", "npz", "exr", "pfm"];
 
-/// Leading path components that two folders share.
+/// The leading path components that two folders share.
 fn common_folders<'a>(a: &'a str, b: &str) -> &'a str {
     let mut length = 0;
     for (i, (x, y)) in a.split('/').zip(b.split('/')).enumerate() {

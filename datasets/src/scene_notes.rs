@@ -24,10 +24,10 @@ const DEEP: usize = 4;
 /// Brightest level, of 255, of 16-bit pictures that hold 14-bit values. Pictures with values of 8 to 12 bits are
 /// refused when they are read.
 const UNSCALED: std::ops::RangeInclusive<u8> = 16..=64;
-/// Minimum fraction of the pixels that a plausible mask keeps: most masks exclude a person, a sky or a logo.
+/// Masks are plausible if they keep at least this fraction of the pixels: most exclude a person, a sky or a logo.
 const MIN_LEFT: f64 = 0.2;
 
-/// Maximum fraction of pixels that are neither black nor white; masks with more are reported.
+/// Masks are reported if more than this fraction of their pixels are neither black nor white.
 const MAX_GREY: f64 = 0.005;
 
 /// A note on masks next to the pictures that are not read; `hint` explains how to read them.
@@ -49,8 +49,8 @@ pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     })
 }
 
-/// Warns if all pictures are 16-bit but none has a value above a quarter of the range. `stored` yields the colour type in
-/// each picture's header.
+/// Warns if all pictures are 16-bit but none has a value above a quarter of the range. `stored` yields the colour type
+/// in each picture's header.
 fn unscaled(scene: &Scene, mut stored: impl ExactSizeIterator<Item = ColorType>) -> Option<String> {
     use ColorType::{L16, La16, Rgb16, Rgba16};
     let is_deep =
@@ -62,7 +62,7 @@ fn unscaled(scene: &Scene, mut stored: impl ExactSizeIterator<Item = ColorType>)
     let highest: Vec<u8> = highest.collect();
     let is_unscaled = highest.len() >= 2 && highest.iter().all(|level| UNSCALED.contains(level));
     is_unscaled.then(|| {
-        "pictures: no 16-bit value of those checked exceeds a quarter of the range, as if 14-bit values had been stored \
+        "pictures: no 16-bit value of those checked exceeds a quarter of the range, perhaps because 14-bit values were stored \
          unscaled; if so, multiply them by 4"
             .to_owned()
     })
@@ -92,8 +92,10 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .filter(|_| rules.color == ColorRule::Convert);
         let converted = profile.name().map(|name| {
             let taken = match rules.color {
-                ColorRule::Convert => "converted to sRGB (color=as-stored: read as sRGB)",
-                ColorRule::AsStored => "read as sRGB (color=convert: converted)",
+                ColorRule::Convert => {
+                    "which is converted to sRGB (color=as-stored would read it as sRGB)"
+                }
+                ColorRule::AsStored => "which is read as sRGB (color=convert would convert it)",
             };
             format!("the colour profile '{name}', {taken}")
         });
@@ -106,13 +108,13 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
         let have = format!("pictures: {count} of {of} have the EXIF orientation {orientation}");
         match (is_turned, fits_both && rules.orientation == OrientationRule::Auto) {
             (true, _) => scene.notes.push(format!(
-                "{have} and are turned upright, as their cameras are (orientation=stored: read as stored)"
+                "{have} and are turned upright, as their cameras are (orientation=stored would read them as stored)"
             )),
             (false, false) => scene.notes.push(format!("{have} and are read as stored, as their cameras are")),
             (false, true) => scene.warnings.push(format!(
                 "{have} and are read as stored, as COLMAP and nerfstudio do; if their cameras are \
-                 for the upright pictures, set orientation=upright (orientation=stored: the same \
-                 reading without this warning)"
+                 for the upright pictures, set orientation=upright (orientation=stored would read them \
+                 as now, without this warning)"
             )),
         }
     }
@@ -147,7 +149,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
         _ if shares.is_empty() => {}
         "apply" if left < MIN_LEFT => scene.warnings.push(format!(
             "masks: on average they leave {percent:.1} % of the pixels; if black marks the pixels to \
-             keep, set masks=keep-black (masks=keep-white: the same reading without this warning)"
+             keep, set masks=keep-black (masks=keep-white would read them as now, without this warning)"
         )),
         _ if left < 0.5 => scene.notes.push(format!(
             "masks: on average they leave {percent:.1} % of the pixels"
@@ -174,7 +176,7 @@ fn grey_masks(masked: &[&View]) -> Option<String> {
     (share > MAX_GREY).then(|| {
         let cause = match masks.iter().find_map(labels) {
             Some(labels) => format!("with areas of the levels {labels} like a map of objects"),
-            None => "stored as JPEG, or resized?".to_owned(),
+            None => "perhaps stored as JPEG, or resized".to_owned(),
         };
         format!(
             "masks: {:.1} % of their pixels are neither black nor white ({cause}); levels of {WHITE} and more count as \
@@ -223,7 +225,7 @@ fn processing(scene: &Scene) -> Vec<String> {
     let lacking = without_depth(&scene.views);
     if scene.pairing == Pairing::MultiView && (1..all).contains(&lacking) {
         notes.push(format!(
-            "depth: {lacking} of {all} pictures have none: {}",
+            "depth: {lacking} of {all} pictures have none ({})",
             first_without_depth(&scene.views)
         ));
     }

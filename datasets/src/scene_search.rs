@@ -184,7 +184,7 @@ mod tests {
         assert_eq!(
             linked.notes(Path::new("set")),
             [format!(
-                "set: 1 file(s) left out, {LINK_OUT}: a/scene/2.png"
+                "set: 1 file(s) left out (a/scene/2.png): {LINK_OUT}"
             )]
         );
         let root = root.allowing_outside(true);

@@ -33,7 +33,7 @@ impl Setting {
         }
     }
 
-    /// A setting with any value. Some values are described; all others count as proxies.
+    /// Creates a setting that accepts any value. Some values are described; all others count as proxies.
     pub(crate) const fn named(
         key: &'static str,
         meaning: &'static str,

@@ -43,7 +43,7 @@ impl Undistortion {
     /// field of view that shows nothing beyond the stored picture (COLMAP's `blank_pixels = 0`).
     ///
     /// # Errors
-    /// [`LensError::NoWholePinhole`].
+    /// [`LensError::NoWholePinhole`] if even the narrowest pinhole view has blank pixels.
     pub fn without_blank_pixels(lens: Lens) -> Result<Self, LensError> {
         let scaled = |zoom: f64| Intrinsics {
             fx: lens.intrinsics().fx * zoom,
@@ -75,7 +75,7 @@ impl Undistortion {
     /// picture.
     ///
     /// # Errors
-    /// [`LensError::EdgesUnseen`].
+    /// [`LensError::EdgesUnseen`] if the midpoints of the picture's edges are outside the lens's field of view.
     pub fn like_scannetpp(lens: Lens) -> Result<Self, LensError> {
         let k = lens.intrinsics();
         let (w, h) = (f64::from(k.width), f64::from(k.height));

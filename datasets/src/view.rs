@@ -74,7 +74,7 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
         files
     }
 
-    /// Processing from files to pixels.
+    /// Processing steps between the view's files and its pixels.
     fn processing(&self) -> Processing {
         Processing::default()
     }

@@ -40,8 +40,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "swipe",
-                    "from left to right; this path and the following ones are the release's, sized by `near` and \
-                     looking at the point at `focus`",
+                    "from left to right; this path and the following ones are those of SHARP's release, sized by `near` \
+                     and looking at the point at `focus`",
                 ),
                 choice("shake", "left and right, then up and down"),
                 choice("rotate", "on a circle"),
@@ -59,12 +59,12 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "near",
-            "depth of the nearest objects in metres, for the release's paths (auto: the 0.001 quantile of the depth map, or 1 without one)",
+            "depth of the nearest objects in metres, for the paths of SHARP's release (auto: the 0.001 quantile of the depth map, or 1 without one)",
             "auto",
         ),
         Setting::free(
             "focus",
-            "depth in metres of the point that the camera looks at, for an orbit and the release's paths (auto: the 0.1 quantile of the depth map, at \
+            "depth in metres of the point that the camera looks at, for an orbit and the paths of SHARP's release (auto: the 0.1 quantile of the depth map, at \
              least 2, or 2 without one)",
             "auto",
         ),
@@ -410,7 +410,7 @@ mod tests {
             (",path=swipe,step=1", "path=swipe does not use 'step'"),
             (",near=2", "path=lateral does not use 'near'"),
             (",path=orbit,focus=-1", "'focus' cannot be '-1'"),
-            (",path=zigzag", "one of: lateral"),
+            (",path=zigzag", "one of lateral"),
         ] {
             let reason = reason(settings);
             assert!(reason.contains(part), "{reason}");

@@ -36,7 +36,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
              cam_poses.txt}",
     paper_column: "WildRGBD",
     paper_overlap: PaperOverlap::Dense,
-    caveat: "'validation split from nvs list in each scene' may mean scenes or frames",
+    caveat: "the paper's 'validation split from nvs list in each scene' may mean scenes or frames",
     poses_are_matrices: true,
     settings: &[Setting::choice(
         "split",

@@ -214,7 +214,7 @@ fn a_change_that_all_predictions_have_in_common_is_named() {
     }
     for (side, named) in [
         ("good", ""),
-        ("bgr", "have red and blue exchanged: 4 of 4"),
+        ("bgr", "have red and blue exchanged; 4 of 4"),
         ("gbr", "contain green, blue and red"),
     ] {
         let said = metrics(dir.path(), &format!("{side} t --metrics psnr --json")).ends_with(0);
@@ -382,7 +382,7 @@ fn unequal_sizes_need_a_named_kernel_and_leave_a_trace() {
     let small = image::imageops::thumbnail(&picture(0, (WIDTH, HEIGHT)), WIDTH / 2, HEIGHT / 2);
     small.save(dir.path().join("small.png")).unwrap();
     metrics(dir.path(), "small.png t/a.png --metrics psnr").is_error_with(&[
-        "24x20, but the target is 48x40: set a kernel to resize it (--resize-prediction bilinear|",
+        "24x20, but the target is 48x40; set a kernel to resize it (--resize-prediction bilinear|",
     ]);
     let mut found = Vec::new();
     for kernel in ["bilinear", "bicubic", "lanczos"] {

@@ -347,7 +347,7 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
     );
     // The dataset's path is relative, so it does not exist when seen from another folder.
     sharp_bench(&dir.join("why"), &args).is_error_with(&[
-        "middlebury=data, which the run's pictures are read from",
+        "cannot read the run's pictures from middlebury=data",
         "relative to the folder where `run` was started",
         "why",
     ]);

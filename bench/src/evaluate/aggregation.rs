@@ -41,7 +41,7 @@ pub enum Aggregation {
 impl Aggregation {
     pub const ALL: [Self; 3] = [Self::Pairs, Self::Scenes, Self::Sources];
 
-    /// The mean of `values`; `None` if there are none. One infinite value makes the mean infinite.
+    /// The mean of the `values` of records; `None` if there are none. One infinite value makes the mean infinite.
     pub fn of<'a>(self, values: impl IntoIterator<Item = (&'a Record, f64)>) -> Option<f64> {
         let units = self.units(values).into_iter();
         mean(&units.map(|(_, value)| value).collect::<Vec<_>>())

@@ -38,7 +38,7 @@ const TIMINGS: &str = "timings.json";
 /// Marks a missing score: a NaN that arithmetic does not produce.
 const ABSENT: u64 = u64::MAX;
 
-/// `bundle.json`, which can be read by itself.
+/// Contents of `bundle.json`, which can be read by itself.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Head {
     format: u32,
@@ -62,22 +62,22 @@ pub struct Occasion {
 #[derive(Debug, Clone)]
 pub struct Bundle {
     pub results: Results,
-    /// The planned pairs.
+    /// List of the planned pairs.
     pub pairs: PairList,
     pub occasion: Option<Occasion>,
-    /// Times of each method by pair; usually none.
+    /// Times of each method on each pair; usually none.
     pub timings: Timings,
 }
 
-/// Times of predictions by the method's label, then by pair id.
+/// Times of predictions, keyed by the method's label and then by the pair's id.
 pub type Timings = BTreeMap<String, BTreeMap<String, Timing>>;
 
 /// A unit without its scores and without the columns of the pair list.
 #[derive(Serialize, Deserialize)]
 struct UnitLine {
-    /// Index in `pairs.csv`.
+    /// Index of the pair in `pairs.csv`.
     pair: usize,
-    /// Index in the manifest.
+    /// Index of the method in the manifest.
     method: usize,
     cluster: String,
     #[serde(flatten)]
@@ -256,7 +256,7 @@ impl Bundle {
     /// evaluation, wherever their files are.
     ///
     /// # Errors
-    /// Those of the encoder, which only writes to memory here.
+    /// If encoding fails, which does not happen in memory.
     pub fn content_sha256(&self) -> serde_json::Result<String> {
         let mut manifest = self.results.manifest.clone();
         for dataset in &mut manifest.datasets {

@@ -50,7 +50,7 @@ const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ManifestDifference {
     row: Row,
-    /// What differs; a complete sentence if there are no values.
+    /// The fact that differs; a complete sentence if there are no values.
     what: String,
     /// The old and the new value.
     values: Option<[String; 2]>,
@@ -137,7 +137,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
         found.compare(RULE, &format!("the renderer's {what}"), [before, now]);
     }
     if before.common_region || now.common_region {
-        let what = "a common region (--common-region) depends on all methods of a folder: evaluate \
+        let what = "a common region (--common-region) depends on all methods of a folder; evaluate \
                     all methods in one folder";
         found.add(CONVENTION, what.to_owned());
     }
@@ -165,7 +165,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
         };
         match readings(before, now) {
             [before, now] if before == now => {
-                let what = format!("dataset '{name}' was read by another version of the code");
+                let what = format!("dataset '{name}' was read by a different version of the code");
                 found.add(CODE, what);
             }
             texts => found.compare(NAME, &format!("the reading of dataset '{name}'"), texts),
@@ -194,7 +194,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
     let kernels = both.map(|manifest| manifest.kernels.name().to_owned());
     let what = "the class of CPU kernels (`run --simd` pins it)";
     found.compare(MACHINE, what, kernels);
-    let other_code = |name: &str| format!("{name} was computed with other weights or code");
+    let other_code = |name: &str| format!("{name} was computed with different weights or code");
     for (key, before, now) in metrics {
         match before {
             None => found.add(UNPLANNED, format!("{key} is not in the plan")),
@@ -341,7 +341,7 @@ pub(super) fn extended(
 /// Combines two manifests for results that are shown together.
 ///
 /// # Errors
-/// The first difference that prevents the results from sharing columns or names.
+/// If the results cannot share columns or names; the error is the first difference that prevents it.
 pub(super) fn joined(one: Manifest, other: Manifest) -> Result<Manifest, String> {
     if let Some(difference) = refusal(&one, &other, Purpose::Read) {
         return Err(difference.to_string());

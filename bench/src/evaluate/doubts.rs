@@ -14,13 +14,14 @@ use crate::pairs::pair_id::source_of;
 
 /// Ratio of rendered to true depth, or of true to rendered, beyond which the unit is probably not the metre.
 const UNLIKELY_SCALE: f64 = 10.0;
-/// Minimum number of sources for outlier detection. With fewer sources, most are tried under other readings anyway.
+/// Outliers are detected only among at least this many sources. With fewer sources, most are tried under other readings
+/// anyway.
 const FEWEST_SOURCES: usize = 4;
-/// Minimum gap in PSNR between wrong sources and the others, dB: the gain of explaining half of a photograph's variance
-/// over explaining none of it.
+/// Wrong sources have a PSNR below that of the others by at least this, dB: the gain of explaining half of a
+/// photograph's variance over explaining none of it.
 const MIN_GAP: f64 = 6.0;
-/// Minimum ratio of the gap to the distance between the worst and the median of the other sources. A larger ratio is
-/// rare by chance.
+/// The gap must be at least this multiple of the distance between the worst and the median of the other sources. A
+/// larger ratio is rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
 /// Across scenes, only sources below this PSNR count as outliers, dB. It is the PSNR of a uniform picture in the mean
 /// colour, for a photograph with a contrast of 45 levels.
@@ -56,8 +57,8 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
         doubts.insert(
             "scale",
             format!(
-                "its Gaussians are {ratio:.3} times as far away as the dataset's depth ({source}): set the unit in \
-                 metres with `scale=`; if each source has its own unit, use `depth=privileged`"
+                "its Gaussians are {ratio:.3} times as far away as the dataset's depth ({source}); set the unit in \
+                 metres with `scale=`, or use `depth=privileged` if each source has its own unit"
             ),
         );
     }
@@ -107,8 +108,9 @@ fn outlying_sources<'a>(
     };
     let (of_worse, of_others) = (range(&mut worse), range(&mut others));
     Some(format!(
-        "{} of {count} sources reproduce the photograph they were predicted from at only {of_worse} dB, the others \
-         at {of_others}: {}; do their files belong to other sources? (`gaussians info FILE` describes a file)",
+        "the Gaussians of {} of {count} sources ({}) reproduce the source's photograph at only {of_worse} dB, those of the \
+         remaining sources at {of_others} dB; perhaps these files belong to other sources (`gaussians info FILE` describes a \
+         file)",
         worse.len(),
         listed(worse.iter().map(|(name, _)| *name).collect())
     ))
@@ -153,7 +155,8 @@ pub(super) fn joint_doubts<'a>(
     found
 }
 
-/// Names targets that a method was trained on, or reports that none of its stated training views is in these pairs.
+/// A sentence with the targets that a method was trained on, or a report that none of its stated training views is in
+/// the records' pairs.
 fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<String> {
     let of_views = |record: &'a Record| {
         let [source, target] = TRAINED_ON.map(|name| record.extras.get(name).map(|v| *v > 0.0));
@@ -173,7 +176,7 @@ fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<Stri
         });
     }
     (!views.is_empty()).then(|| {
-        "train= names none of the views of these pairs; a name is VIEW, SCENE/VIEW or DATASET/SCENE/VIEW".to_owned()
+        "train= names none of the views of these pairs; a name must be VIEW, SCENE/VIEW or DATASET/SCENE/VIEW".to_owned()
     })
 }
 
@@ -259,8 +262,8 @@ mod tests {
             ("s/view_07", 11.0),
         ];
         let said = shown(&half).unwrap();
-        let start = "4 of 8 sources reproduce the photograph they were predicted from at only 9.1 to 12.0 dB, the \
-                     others at 24.2 to 31.0: d/s/view_03, d/s/view_04, d/s/view_06, d/s/view_07; ";
+        let start = "the Gaussians of 4 of 8 sources (d/s/view_03, d/s/view_04, d/s/view_06, d/s/view_07) reproduce the \
+                     source's photograph at only 9.1 to 12.0 dB, those of the remaining sources at 24.2 to 31.0 dB; ";
         assert!(said.starts_with(start), "{said}");
         assert!(said.contains("`gaussians info FILE`"), "{said}");
         // The file of a neighbouring view.
@@ -269,12 +272,12 @@ mod tests {
         let one: Vec<(&str, f64)> = names.into_iter().zip(one).collect();
         let said = shown(&one).unwrap();
         assert!(
-            said.starts_with("1 of 5") && said.contains(": d/s/c; "),
+            said.starts_with("the Gaussians of 1 of 5 sources (d/s/c) "),
             "{said}"
         );
         // With one source per scene, only those worse than a uniform picture count.
         let mut scenes = [("a/v", 22.0), ("b/v", 24.0), ("c/v", 9.0), ("e/v", 27.0)];
-        assert!(shown(&scenes).unwrap().contains(": d/c/v; "));
+        assert!(shown(&scenes).unwrap().contains(" (d/c/v) "));
         scenes[2].1 = 15.5;
         assert_eq!(shown(&scenes), None);
         // In several scenes at once.
@@ -284,10 +287,10 @@ mod tests {
             .chain(other.iter().map(|(n, p)| (n.as_str(), *p)));
         let said = shown(&both.collect::<Vec<_>>()).unwrap();
         assert!(
-            said.starts_with("8 of 16") && said.contains(": d/s/view_03, "),
+            said.starts_with("the Gaussians of 8 of 16") && said.contains(" (d/s/view_03, "),
             "{said}"
         );
-        assert!(said.contains("d/t/view_07; "), "{said}");
+        assert!(said.contains("d/t/view_07) "), "{said}");
     }
 
     /// Measured values: the small network and `depth-splat` on the procedural scene, the network on held-out scenes,

@@ -18,7 +18,7 @@ pub enum EvaluateError {
     #[error(transparent)]
     Pairs(#[from] PairError),
     /// A dataset of a run cannot be reopened.
-    #[error("{spec}, which the run's pictures are read from: {reason}{from}")]
+    #[error("cannot read the run's pictures from {spec}: {reason}{from}")]
     RunDataset {
         spec: String,
         reason: Box<PairError>,
@@ -34,7 +34,7 @@ pub enum EvaluateError {
     #[error(transparent)]
     Renderer(#[from] RenderError),
     /// Two methods have the same label.
-    #[error("two methods have the label '{0}'; give one of them another with label=NAME")]
+    #[error("two methods have the label '{0}'; give one of them another label with label=NAME")]
     RepeatedLabel(String),
     /// The pairs were selected by this method's own depth.
     #[error(
@@ -53,16 +53,16 @@ pub enum EvaluateError {
     },
     /// The folder's results cannot share a table with this run's.
     #[error(
-        "{}: {difference}; a folder can have only one: choose another folder",
+        "{}: {difference}; a folder can have only one, so choose another folder",
         folder.display()
     )]
     OtherMachine {
         folder: PathBuf,
-        /// The difference, with both values.
+        /// A sentence on the difference, with both values.
         difference: String,
     },
     #[error(
-        "{}: a run folder of format {found}, but this version reads format {expected}: run the \
+        "{}: a run folder of format {found}, but this version reads format {expected}; run the \
          command again with a new folder",
         folder.display()
     )]

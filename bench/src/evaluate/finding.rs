@@ -147,10 +147,10 @@ impl PictureChange {
                  prediction"
             }
             Self::Padded => {
-                "were resized with padding around them: remove it before resizing, or store the pictures without it"
+                "were resized with padding around them; remove it before resizing, or store the pictures without it"
             }
             Self::Cropped => {
-                "are crops stretched to the target's size: store them unstretched and set crop=center:1:1 (or their \
+                "are crops stretched to the target's size; store them unstretched and set crop=center:1:1 (or their \
                  own aspect)"
             }
             Self::Stretched(_) => {
@@ -162,16 +162,16 @@ impl PictureChange {
                  store them"
             }
             Self::EqualChannels => {
-                "have two equal channels, although those of the photographs differ: was one stored in place of \
-                 another?"
+                "have two equal channels, although those of the photographs differ; perhaps one was stored in \
+                 place of another"
             }
             Self::Blocks => {
                 "consist of blocks of equal pixels, as if small pictures had been enlarged by repeating pixels; store \
                  them at the size at which they were predicted, and see resize="
             }
             Self::Noise => {
-                "are noise: neighbouring pixels are uncorrelated (latents, unfinished sampling or bytes read as \
-                 another type?)"
+                "are noise, with uncorrelated neighbouring pixels (perhaps latents, unfinished sampling or bytes \
+                 read as another type)"
             }
         }
     }
@@ -292,26 +292,27 @@ impl ShownCamera {
                 return format!("show what the target's camera would see {}", framing.text());
             }
             Self::NoRotation => {
-                "what the target's camera would see if it were not turned: apply the rotation of the pose as well"
+                "what the target's camera would see if it were not turned; apply the rotation of the pose as well"
             }
             Self::Reversed(axis) => {
                 let axis = ["x", "y", "z"][usize::from(axis.min(2))];
                 return format!(
-                    "show what the target's pose sees if the {axis} of its translation is reversed: check its sign"
+                    "show what a camera at the target's pose would see if the {axis} of its translation were reversed; check its \
+                     sign"
                 );
             }
             Self::SourceIntrinsics => {
-                "the target through the source's intrinsics, whose principal point or focal length differs: render them \
+                "the target through the source's intrinsics, whose principal point or focal length differs; render them \
                  with the target's intrinsics"
             }
             Self::InversePose => {
-                "the view from the inverse of the target's pose: check whether the pose maps from or to the camera"
+                "the view from the inverse of the target's pose; check whether the pose maps from or to the camera"
             }
             Self::OtherAxes => {
-                "the view from the target's pose with y and z reversed: check the axes (OpenCV or OpenGL)"
+                "the view from the target's pose with y and z reversed; check the axes (OpenCV or OpenGL)"
             }
             Self::TransposedRotation => {
-                "the view from the target's pose with its rotation transposed: check the order of rows and columns"
+                "the view from the target's pose with its rotation transposed; check the order of rows and columns"
             }
         };
         format!("show {shown}")
@@ -327,7 +328,7 @@ impl ShownCamera {
         match (self, other) {
             (Self::Moved(percent), Self::Moved(other)) => {
                 let other = f64::from(other);
-                (f64::from(percent) - other).abs() <= UNEVEN.0.max(UNEVEN.1 * other.abs())
+                (f64::from(percent) - other).abs() <= MAX_UNEVEN.max(MAX_UNEVEN_SHARE * other.abs())
             }
             (Self::Reframed(framing), Self::Reframed(other)) => framing.is_like(other),
             _ => self == other,
@@ -335,9 +336,10 @@ impl ShownCamera {
     }
 }
 
-/// Maximum difference between multiples of the motion that share a cause: in percentage points, or, if larger, as a
-/// share of the multiple.
-const UNEVEN: (f64, f64) = (8.0, 0.12);
+/// Multiples of the motion may share a cause if they differ by at most this, percentage points.
+const MAX_UNEVEN: f64 = 8.0;
+/// [`MAX_UNEVEN`] as a share of the multiple; the larger of the two counts.
+const MAX_UNEVEN_SHARE: f64 = 0.12;
 
 /// How a picture frames its target, compared with its photograph.
 #[derive(
@@ -361,13 +363,14 @@ fn is_zero(value: &i16) -> bool {
 }
 
 impl Framing {
-    /// Maximum differences in zoom, roll and shift between framings that share a cause; larger for large zooms.
+    /// Framings may share a cause if their zoom, roll and shift differ by at most these; more is allowed for large
+    /// zooms.
     const UNEVEN: [i16; 3] = [25, 700, 4];
-    /// Minimum differences in zoom, roll and shift that count as wrong.
+    /// A framing counts as wrong if its zoom, roll or shift differs from the target's by at least these.
     const MIN_FRAMING: [i16; 3] = [15, 700, 5];
-    /// Minimum distortion that counts as wrong, and maximum difference of distortions with one cause, or, if larger, a
-    /// quarter of it.
+    /// A distortion counts as wrong from this one on.
     const MIN_LENS: i16 = 40;
+    /// Distortions may share a cause if they differ by at most this, or, if larger, by a quarter of the distortion.
     const UNEVEN_LENS: i16 = 30;
 
     fn is_distorted(self) -> bool {
@@ -449,8 +452,8 @@ impl Framing {
         if self.is_distorted() {
             let k1 = f64::from(self.lens) / 1000.0;
             parts.push(format!(
-                "through a lens with radial distortion (k1 = {k1:.2}, OpenCV's), as if distortion was left in, or removed \
-                 twice: render them without"
+                "through a lens with radial distortion (k1 = {k1:.2} in OpenCV's model), as if distortion was left in or \
+                 removed twice"
             ));
         }
         if self.is_zoomed() {
@@ -469,6 +472,10 @@ impl Framing {
                 "shifted by ({x:.1} %, {y:.1} %) of the width, as with a wrong principal point or a crop"
             ));
         }
-        parts.join(", ")
+        let advice = match self.is_distorted() {
+            true => "; render them without distortion",
+            false => "",
+        };
+        parts.join(", ") + advice
     }
 }

@@ -38,7 +38,7 @@ use crate::pairs::pair_id::path_of;
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     root: PathBuf,
-    /// Held while this process writes here.
+    /// The lock file, held while this process writes here.
     _lock: Option<Arc<File>>,
 }
 
@@ -223,7 +223,7 @@ impl RunFolder {
     /// Writes `manifest.json`.
     ///
     /// # Errors
-    /// Names the file and the system's error.
+    /// If the file cannot be written.
     pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), FileError> {
         write_json(&self.root.join("manifest.json"), manifest)
     }
@@ -245,7 +245,7 @@ impl RunFolder {
     /// Writes `plan.json`.
     ///
     /// # Errors
-    /// Names the file and the system's error.
+    /// If the file cannot be written.
     pub fn write_plan(&self, plan: &RunPlan) -> Result<(), FileError> {
         write_json(&self.root.join("plan.json"), plan)
     }
@@ -296,7 +296,7 @@ impl RunFolder {
     /// Stores a unit's result.
     ///
     /// # Errors
-    /// Names the file and the system's error.
+    /// If the file cannot be written.
     pub fn save(&self, unit: Unit) -> Result<Unit, FileError> {
         let unit = unit.sealed();
         write_json(&self.unit_path(&unit.slot), &unit)?;
@@ -361,7 +361,7 @@ impl RunFolder {
     /// is an unfinished run.
     ///
     /// # Errors
-    /// Names the file and the system's error.
+    /// If a file cannot be removed.
     pub(super) fn remove_tables(&self) -> Result<(), FileError> {
         for path in [self.scores_path(), self.timings_path()] {
             match fs::remove_file(&path) {

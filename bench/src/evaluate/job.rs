@@ -82,7 +82,7 @@ pub(super) struct Job<'a> {
     pub(super) pairs: Vec<ResolvedPair<'a>>,
     /// Sources whose Gaussians are also tried under other readings.
     pub(super) checked: BTreeSet<String>,
-    /// For a sample of pairs: other pairs whose targets their pictures may show instead.
+    /// Other pairs whose targets the pictures of a sample of pairs may show instead.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,

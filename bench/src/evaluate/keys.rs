@@ -32,7 +32,7 @@ use crate::scoring::metrics::ScoredMetric;
 /// Computes keys; hashes each file once.
 pub(super) struct Keys {
     hashes: ViewHashes,
-    /// `dataset_identity` by dataset.
+    /// [`dataset_identity`] of each dataset, keyed by its name.
     datasets: BTreeMap<String, String>,
     renderer: RendererRecord,
 }
@@ -204,8 +204,8 @@ impl Keys {
     /// dataset or method is not given.
     ///
     /// # Errors
-    /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` completes the
-    /// sentence.
+    /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` is the advice at the end of its
+    /// message.
     pub(super) fn check_files<'u>(
         &self,
         folder: &RunFolder,
@@ -217,7 +217,7 @@ impl Keys {
         let refused = |record: &Record, what: &str| EvaluateError::NotKept {
             folder: folder.root().to_owned(),
             reason: format!(
-                "method '{}' was evaluated on {} with {what} than the current one; {fix}",
+                "{what} has changed since method '{}' was evaluated on {}; {fix}",
                 record.method, record.pair_id
             ),
         };
@@ -244,8 +244,7 @@ impl Keys {
                     self.hashes.short(view).ok()
                 });
                 if hash.as_ref().is_some_and(|hash| hash != before) {
-                    let what =
-                        format!("another photograph, mask, depth or camera of view '{view}'");
+                    let what = format!("the photograph, mask, depth or camera of view '{view}'");
                     return Err(refused(record, &what));
                 }
             }
@@ -256,7 +255,7 @@ impl Keys {
                 && let Some(now) = self.method_files(method.as_ref(), &record.pair_id)
                 && now != *before
             {
-                return Err(refused(record, "another file of its own"));
+                return Err(refused(record, "an input file of the method"));
             }
         }
         Ok(())

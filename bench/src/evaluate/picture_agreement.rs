@@ -1,5 +1,5 @@
-//! Sentences on changes that the pictures of a dataset have in common, or that single ones clearly have, and on pictures
-//! stored under several names.
+//! Sentences on changes that the pictures of a dataset have in common, or that single ones clearly have, and on
+//! pictures stored under several names.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,22 +9,27 @@ use super::picture_check::UNLIKE;
 use super::picture_order::is_resized;
 use super::record::{PairFiles, Record, Status};
 
-/// Minimum number of pictures in a dataset, and the share that must agree.
-const AGREEMENT: (usize, f64) = (3, 0.8);
-/// The share that suffices for the limited range of video, crops and padding: few other pictures look like that.
-const AGREEMENT_OF_RARE: f64 = 0.5;
-/// The share that suffices for stretched levels: photographs with black and white hardly change.
-const AGREEMENT_OF_STRETCHED: f64 = 0.25;
-/// The share that suffices for a visible change.
-const AGREEMENT_VISIBLE: f64 = 0.1;
-/// Minimum number and share of pictures with a clear change that are named, even if the other pictures do
-/// not have it.
-const NAMED: (usize, f64) = (2, 0.02);
-/// Minimum number of targets with equal pictures. Two may have the same source and motion.
-const REPEATED: usize = 3;
-/// Maximum difference of equal strips: thousandths of the height, or, if larger, a share of their thickness.
-const UNEVEN: (f64, f64) = (8.0, 0.1);
-/// Minimum difference of the gains of levels that were stretched one by one, percent. Equal gains are an exposure.
+/// A change of a dataset's pictures is reported only if at least this many have it.
+const MIN_CHANGED: usize = 3;
+/// A change of a dataset's pictures is reported only if at least this share of them have it.
+const MIN_SHARE: f64 = 0.8;
+/// [`MIN_SHARE`] for the limited range of video, crops and padding: few other pictures look like that.
+const MIN_SHARE_DISTINCTIVE: f64 = 0.5;
+/// [`MIN_SHARE`] for stretched levels: photographs with black and white hardly change.
+const MIN_SHARE_STRETCHED: f64 = 0.25;
+/// [`MIN_SHARE`] for visible changes.
+const MIN_SHARE_VISIBLE: f64 = 0.1;
+/// Pictures with a clear change are named, even if the other pictures do not have it, if there are at least this many.
+const MIN_NAMED: usize = 2;
+/// Pictures with a clear change are named only if they are at least this share of the dataset's pictures.
+const MIN_SHARE_NAMED: f64 = 0.02;
+/// Equal pictures are reported if they have at least this many targets. Two may have the same source and motion.
+const MIN_REPEATED: usize = 3;
+/// Strips count as equal if their thickness differs by at most this, in thousandths of the height.
+const MAX_UNEVEN: f64 = 8.0;
+/// [`MAX_UNEVEN`] as a share of the thickness; the larger of the two counts.
+const MAX_UNEVEN_SHARE: f64 = 0.1;
+/// Levels were stretched one by one only if their gains differ by at least this, percent. Equal gains are an exposure.
 const MIN_SPREAD: i16 = 5;
 
 /// Sentences for each dataset: see [`agreed_changes`]. In `reframed` datasets, crops are explained by the camera.
@@ -44,8 +49,8 @@ pub(super) fn changed_pictures<'a>(
         .collect()
 }
 
-/// A sentence on each change that enough of the pictures (by name) share: nearly all for most changes, fewer for
-/// visible ones, a few for clear ones. `photographs` completes "the photographs" and says which they were compared
+/// A sentence on each change that enough of the named `pictures` share: nearly all for most changes, fewer for visible
+/// ones, a few for clear ones. `photographs` completes "the photographs" and says which they were compared
 /// with.
 pub(crate) fn agreed_changes(
     pictures: &[(&str, Option<PictureChange>)],
@@ -62,18 +67,19 @@ pub(crate) fn agreed_changes(
         let count = agreeing(&of_kind);
         let share = match kind {
             PictureChange::LimitedRange | PictureChange::Padded | PictureChange::Cropped => {
-                AGREEMENT_OF_RARE
+                MIN_SHARE_DISTINCTIVE
             }
-            PictureChange::Stretched(_) => AGREEMENT_OF_STRETCHED,
-            kind if kind.is_visible() => AGREEMENT_VISIBLE,
-            _ => AGREEMENT.1,
+            PictureChange::Stretched(_) => MIN_SHARE_STRETCHED,
+            kind if kind.is_visible() => MIN_SHARE_VISIBLE,
+            _ => MIN_SHARE,
         };
-        let is_least = |(least, share): (usize, f64)| count >= least && count as f64 >= share * all;
-        if is_least((AGREEMENT.0, share)) {
+        let reaches =
+            |least: usize, least_share: f64| count >= least && count as f64 >= least_share * all;
+        if reaches(MIN_CHANGED, share) {
             return Some(sentence_on(kind, count, pictures.len(), photographs));
         }
         let names = named(pictures, kind);
-        (kind.is_clear() && is_least(NAMED)).then(|| {
+        (kind.is_clear() && reaches(MIN_NAMED, MIN_SHARE_NAMED)).then(|| {
             format!(
                 "{count} of its {} pictures {} (compared with the photographs {photographs}): {names}",
                 pictures.len(),
@@ -84,7 +90,7 @@ pub(crate) fn agreed_changes(
     kinds.into_iter().filter_map(sentence).collect()
 }
 
-/// How many changes of one kind agree in their numbers.
+/// Number of the `changes`, all of one kind, that agree in their measured numbers.
 fn agreeing(changes: &[PictureChange]) -> usize {
     let strips: Vec<[i16; 2]> = changes
         .iter()
@@ -102,7 +108,7 @@ fn agreeing(changes: &[PictureChange]) -> usize {
         let is_equal = |strip: &&[i16; 2]| {
             let mut sides = strip.iter().zip(middle);
             sides.all(|(own, middle)| {
-                (f64::from(*own) - middle).abs() <= UNEVEN.0.max(UNEVEN.1 * middle)
+                (f64::from(*own) - middle).abs() <= MAX_UNEVEN.max(MAX_UNEVEN_SHARE * middle)
             })
         };
         return strips.iter().filter(is_equal).count();
@@ -122,18 +128,18 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
     match change {
         PictureChange::Photograph => {
             format!(
-                "its pictures {}: {counted} are equal to those {photographs}; were the photographs stored in place of the \
-                 predictions?",
+                "its pictures {} ({counted} are equal to those {photographs}); perhaps the photographs were stored in place \
+                 of the predictions",
                 change.text()
             )
         }
         PictureChange::Unlike => format!(
-            "its pictures {}: {counted} have a correlation below {UNLIKE} with those {photographs} (another scene \
-             or pose, another byte order, or unfinished files?)",
+            "its pictures {} ({counted} have a correlation below {UNLIKE} with those {photographs}); perhaps they show \
+             another scene or pose, or the files are unfinished or in another byte order",
             change.text()
         ),
         PictureChange::LimitedRange => format!(
-            "its pictures look as if they {}: {counted} have about 16 for black and 235 for white of the photographs \
+            "its pictures look as if they {}; {counted} have about 16 for black and 235 for white of the photographs \
              {photographs}",
             change.text()
         ),
@@ -147,17 +153,17 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
             )
         }
         PictureChange::NormalisedAndStretched => format!(
-            "its pictures look as if they {}: {counted} have the brightness and contrast per channel of the photographs \
-             {photographs} after this",
+            "its pictures look as if they {}; {counted} have the brightness and contrast per channel that this gives the \
+             photographs {photographs}",
             change.text()
         ),
         PictureChange::Stretched(_) => format!(
-            "its pictures look as if they {}: {counted} have more contrast than the photographs {photographs}, each by \
-             another factor",
+            "its pictures look as if they {}; {counted} have more contrast than the photographs {photographs}, each by \
+             a different factor",
             change.text()
         ),
         change => format!(
-            "its pictures look as if they {}: {counted} are significantly closer to the photographs {photographs} when \
+            "its pictures look as if they {}; {counted} are significantly closer to the photographs {photographs} when \
              this is undone",
             change.text()
         ),
@@ -207,8 +213,8 @@ pub(super) fn repeated_pictures<'a>(records: impl Iterator<Item = &'a Record>) -
     told.filter_map(|(_, files)| repeated(&files)).collect()
 }
 
-/// A sentence if pictures (by name, with their contents and those of their targets) are equal although their targets are
-/// not.
+/// A sentence if some of the `pictures` are equal although their targets are not. Each picture has a name, its contents
+/// and those of its target.
 pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
     let mut targets: BTreeMap<&T, BTreeSet<&T>> = BTreeMap::new();
     for (_, [picture, target]) in pictures {
@@ -216,12 +222,12 @@ pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
     }
     let repeated = pictures
         .iter()
-        .filter(|(_, [picture, _])| targets[picture].len() >= REPEATED);
+        .filter(|(_, [picture, _])| targets[picture].len() >= MIN_REPEATED);
     let names: BTreeSet<&str> = repeated.map(|(name, _)| *name).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "{} of its {} pictures are equal to another one, although their targets differ (one file stored under \
-             several names?): {}",
+            "{} of its {} pictures are equal to another one, although their targets differ (perhaps one file was \
+             stored under several names): {}",
             names.len(),
             pictures.len(),
             listed(names)
@@ -265,7 +271,7 @@ mod tests {
             assert_eq!(sentences(few.0, few.1, few.2), Vec::<String>::new());
         }
         let bgr = PictureChange::Bgr;
-        assert!(sentences(bgr, 7, 8)[0].contains("red and blue exchanged: 7 of 8 "));
+        assert!(sentences(bgr, 7, 8)[0].contains("red and blue exchanged; 7 of 8 "));
         assert!(sentences(wrapped, 3, 8)[0].starts_with("3 of its 8 pictures have very bright"));
         assert_eq!(sentences(PictureChange::Padded, 4, 8).len(), 1);
     }

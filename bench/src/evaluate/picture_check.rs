@@ -2,8 +2,8 @@
 //! the target's photograph.
 //!
 //! Poor predictions must not raise false alarms, so a change has to bring a picture significantly closer to its
-//! photograph, and for nearly all pictures of a dataset. Shifts are not tried here, because parallax that a method ignores
-//! moves all pictures of a stereo dataset alike. Scores do not depend on this check.
+//! photograph, and for nearly all pictures of a dataset. Shifts are not tried here, because parallax that a method
+//! ignores moves all pictures of a stereo dataset alike. Scores do not depend on this check.
 
 use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotate270, thumbnail};
 use image::{GenericImageView, Rgb, RgbImage};
@@ -22,27 +22,28 @@ use crate::scoring::Region;
 
 /// Maximum width compared, pixels.
 const WIDTH: u32 = 160;
-/// Minimum gain from undoing a mirroring or rotation, dB.
+/// Undoing a mirroring or rotation must bring a picture closer to its photograph by at least this, dB.
 const MIN_GAIN: f64 = 1.0;
-/// Minimum gain for exchanged channels, which hardly change brightness, dB.
+/// [`MIN_GAIN`] for exchanged channels, which hardly change brightness, dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
-/// Minimum gain for another transfer function, dB: linear light stored as sRGB loses far more, other exposures less.
+/// [`MIN_GAIN`] for another transfer function, dB: linear light stored as sRGB loses far more, other exposures less.
 const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
-/// Minimum gain of sorted levels at which another transfer function need not fit them better than any exposure, dB: poor
+/// From this gain of sorted levels on, another transfer function need not fit them better than any exposure, dB: poor
 /// predictions do not have their photographs' levels.
 const MIN_GAIN_BY_RANK: f64 = 8.0;
-/// Minimum gain for another range of levels, which other exposures resemble, dB.
+/// [`MIN_GAIN`] for another range of levels, which other exposures resemble, dB.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
-/// Maximum PSNR at which other colour spaces are tried, dB: pictures stored in one have 8 to 13. Skipping the rest saves
+/// Other colour spaces are tried only below this PSNR, dB: pictures stored in one have 8 to 13. Skipping the rest saves
 /// time.
 const MAX_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end, because ringing of JPEG and of resampling exceeds it.
 const BEYOND_ENDS: f64 = 0.002;
 /// Below this correlation with the photograph, red and blue are exchanged (for their difference) or the picture is a
 /// negative. Poor predictions have 0.4 to 0.8; a tint does not matter.
-const OPPOSED: f64 = -0.4;
-/// Minimum share of the photograph's variance explained after undoing a change; poor predictions reach a quarter.
-const EXPLAINED: f64 = 0.2;
+const MAX_OPPOSED_CORRELATION: f64 = -0.4;
+/// After undoing a change, a picture must explain at least this share of the photograph's variance; poor predictions
+/// reach a quarter.
+const MIN_EXPLAINED: f64 = 0.2;
 /// A picture whose correlation with the photograph is lower has little in common with the photograph.
 pub(super) const UNLIKE: f64 = 0.15;
 
@@ -128,15 +129,15 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     let placed = || placement_change(&seen, &shown);
     let normalised = || {
         let fit = Likeness::of(&seen, Region::whole(seen.dimensions()), &shown);
-        let is_it = fit.explained() >= EXPLAINED && is_normalised_and_stretched(&seen, &shown);
+        let is_it = fit.explained() >= MIN_EXPLAINED && is_normalised_and_stretched(&seen, &shown);
         is_it.then_some(PictureChange::NormalisedAndStretched)
     };
     let found = undone.or_else(wrapped).or_else(placed).or_else(stretched);
     found.or_else(normalised)
 }
 
-/// Whether the photograph, normalised by ImageNet's mean and standard deviation (CLIP's are too similar to tell apart), is
-/// significantly closer to the picture than the photograph at any brightness and contrast.
+/// Whether the photograph, normalised by ImageNet's mean and standard deviation (CLIP's are too similar to tell apart),
+/// is significantly closer to the picture than the photograph at any brightness and contrast.
 fn is_normalised(seen: &RgbImage, shown: &RgbImage) -> bool {
     let fit = |seen: &RgbImage| Likeness::of(shown, Region::whole(shown.dimensions()), seen);
     let (as_read, normalised) = (fit(seen), fit(&mapped(seen, normalised)));
@@ -156,7 +157,7 @@ fn undone_change(
     let as_read = fit(shown);
     let nearer = |changed: &RgbImage, gain: f64| {
         let fit = fit(changed);
-        (fit.explained() >= EXPLAINED && fit.gain_over(&as_read) >= gain).then_some(fit)
+        (fit.explained() >= MIN_EXPLAINED && fit.gain_over(&as_read) >= gain).then_some(fit)
     };
     let moved =
         |changed: &RgbImage| nearer(changed, MIN_GAIN).filter(|fit| fit.is_closer_than(&as_read));
@@ -188,7 +189,7 @@ fn undone_change(
     let ranged = |undo: fn(f32) -> f32, is_bound: bool| {
         // The conversion saturates outside 0..255.
         let (before, after) = (lit(&|v| v), lit(&|v| undo(f32::from(v)).round() as u8));
-        let is_right = after.explained() >= EXPLAINED
+        let is_right = after.explained() >= MIN_EXPLAINED
             && after.gain_over(&before) >= MIN_GAIN_OF_RANGE
             && after.is_nearer_than(&before)
             && (is_bound || after.is_as_near_as_exposed(&before));
@@ -215,9 +216,10 @@ fn undone_change(
     });
     let tint = |of: &RgbImage| mapped(of, |[r, _, b]| [128 - b / 2 + r / 2; 3]);
     let tints = Likeness::of(&tint(seen), whole, &tint(shown)).correlation();
-    let exchanged = exchanged.map(|(change, fit)| (change, fit.filter(|_| tints < OPPOSED)));
+    let exchanged =
+        exchanged.map(|(change, fit)| (change, fit.filter(|_| tints < MAX_OPPOSED_CORRELATION)));
     let negative = nearer(&inverted(shown), MIN_GAIN);
-    let negative = negative.filter(|_| as_read.correlation() < OPPOSED);
+    let negative = negative.filter(|_| as_read.correlation() < MAX_OPPOSED_CORRELATION);
     let all = [
         (PictureChange::Negative, negative),
         (PictureChange::Linear, encoded(srgb_from_linear)),

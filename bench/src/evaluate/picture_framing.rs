@@ -15,27 +15,35 @@ use super::picture_motion::{HALF, MIN_CONTRAST, correlation, patch};
 const GRID: [u32; 2] = [12, 8];
 /// Minimum distance of their centres from the edges, pixels: blocks are as large in pictures of half size.
 const INSET: f64 = 2.0 * HALF as f64 + 1.0;
-/// Radius of the search for a block: first around its own place in the picture of half size, as a share of the width,
-/// then around the place found there, in pixels of the shrunk picture.
+/// Radius of the first search for a block, around its own place in the picture of half size, as a share of the width.
 const REACH: f64 = 0.15;
-const REFINED: i32 = 2;
-/// Minimum correlation of a block with its place in the picture, and how much lower it must be elsewhere.
-const FOUND: (f64, f64) = (0.7, 0.05);
-/// Minimum number of blocks found, and their minimum share.
-const MIN_FOUND: (usize, f64) = (12, 0.15);
-/// Number of reweighted least-squares steps.
+/// Radius of the second search, around the place found by the first, in pixels of the shrunk picture.
+const REFINED_REACH: i32 = 2;
+/// A block is found where its correlation is at least this.
+const MIN_CORRELATION: f64 = 0.7;
+/// The correlation of a block must be lower elsewhere by at least this.
+const MIN_DISTINCTION: f64 = 0.05;
+/// Framing is measured only if at least this many blocks are found.
+const MIN_FOUND: usize = 12;
+/// Framing is measured only if at least this share of the blocks are found.
+const MIN_FOUND_SHARE: f64 = 0.15;
+/// Number of steps of a fit by reweighted least squares.
 const STEPS: usize = 12;
 /// Weight of the prior for an unchanged framing, in blocks.
 const PRIOR: f64 = 0.05;
-/// Maximum distance from the fit of a block that agrees with it, pixels, and the share of the blocks that must agree.
-const AGREEING: (f64, f64) = (1.0, 0.6);
-/// The mean distance from the lines must fall by this many pixels, and to this share.
+/// A block agrees with a fit if its distance from it is at most this, pixels.
+const MAX_OFF_FIT: f64 = 1.0;
+/// At least this share of the blocks must agree with a fit.
+const MIN_AGREEING: f64 = 0.6;
+/// A fit must lower the mean distance from the lines by at least the first number, pixels, and at least to the share
+/// that is the second.
 const GAIN: (f64, f64) = (0.3, 0.5);
-/// The same for a distortion, which hardly moves the middle.
+/// [`GAIN`] for a distortion, which hardly moves the middle.
 const GAIN_OF_LENS: (f64, f64) = (0.1, 0.6);
-/// Zoom from which blocks are searched again after undoing it, as a share, and how often at most.
-const RESAMPLED: f64 = 0.01;
-const REPEATED: usize = 4;
+/// From this zoom on, as a share, blocks are searched again after undoing it.
+const MIN_RESAMPLED_ZOOM: f64 = 0.01;
+/// Maximum number of such searches.
+const MAX_RESAMPLINGS: usize = 4;
 /// Zooms that are undone if too few blocks are found.
 const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
 /// Larger distances count as this one, pixels.
@@ -43,8 +51,8 @@ const MAX_DISTANCE: f64 = 3.0;
 
 /// Measures how a picture frames its target; `None` if the framing is correct or cannot be measured. Picture and
 /// target's photograph are shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is
-/// that of the pose that maps from the source's camera to the target's. Large zooms, at which hardly any block is found,
-/// are not tried if the content `is_moving` as in the target.
+/// that of the pose that maps from the source's camera to the target's. Large zooms, at which hardly any block is
+/// found, are not tried if the content `is_moving` as in the target.
 pub(super) fn shown_framing(
     intrinsics: Intrinsics,
     translation: DVec3,
@@ -81,9 +89,9 @@ pub(super) fn shown_framing(
         }
     }
     // Blocks of another size are found badly, so they are searched again at the size that was measured.
-    for _ in 0..REPEATED {
+    for _ in 0..MAX_RESAMPLINGS {
         let zoom = best.zoom * (1.0 + best.fit?.x / view.half);
-        if (zoom / best.zoom - 1.0).abs() < RESAMPLED {
+        if (zoom / best.zoom - 1.0).abs() < MIN_RESAMPLED_ZOOM {
             break;
         }
         let again = view.measured(shown, zoom);
@@ -102,7 +110,7 @@ pub(super) fn shown_framing(
 struct FramedTarget<'a> {
     focal: DVec2,
     middle: DVec2,
-    /// Half the width.
+    /// Half the width of the shrunk target, pixels.
     half: f64,
     translation: DVec3,
     /// Centres of the blocks with contrast.
@@ -118,7 +126,7 @@ type Line = (DVec4, f64);
 struct Measured {
     zoom: f64,
     lines: Vec<Line>,
-    /// `None` if too few blocks were found.
+    /// Fit of zoom, roll and shift (see [`fitted`]); `None` if too few blocks were found.
     fit: Option<DVec4>,
 }
 
@@ -154,7 +162,12 @@ impl FramedTarget<'_> {
             let along = self.focal * self.translation.truncate() - from_middle * self.translation.z;
             let beside = along.perp().try_normalize()?;
             let near = locate([&target, &coarse], *centre / 2.0, DVec2::ZERO, reach)?;
-            let off = locate([self.target, shown], *centre, (2.0 * near).round(), REFINED)?;
+            let off = locate(
+                [self.target, shown],
+                *centre,
+                (2.0 * near).round(),
+                REFINED_REACH,
+            )?;
             let at = from_middle / self.half;
             let row = DVec4::new(beside.dot(at), beside.dot(at.perp()), beside.x, beside.y);
             Some((row, beside.dot(off)))
@@ -168,16 +181,16 @@ impl FramedTarget<'_> {
             1.0 => self.lines(shown),
             _ => self.lines(&self.resampled(shown, zoom)),
         };
-        let has_enough = lines.len() >= MIN_FOUND.0
-            && lines.len() as f64 >= MIN_FOUND.1 * self.blocks.len() as f64;
+        let has_enough = lines.len() >= MIN_FOUND
+            && lines.len() as f64 >= MIN_FOUND_SHARE * self.blocks.len() as f64;
         let fit = has_enough.then(|| fitted(&lines)).flatten();
         Measured { zoom, lines, fit }
     }
 
     /// Whether most blocks agree with a fit.
     fn agrees(&self, lines: &[Line], fit: DVec4) -> bool {
-        let near = |(row, off): &&Line| (off - row.dot(fit)).abs() <= AGREEING.0;
-        lines.iter().filter(near).count() as f64 >= AGREEING.1 * lines.len() as f64
+        let near = |(row, off): &&Line| (off - row.dot(fit)).abs() <= MAX_OFF_FIT;
+        lines.iter().filter(near).count() as f64 >= MIN_AGREEING * lines.len() as f64
     }
 
     /// Whether a fit explains the blocks, and clearly better than the target's own framing.
@@ -186,8 +199,8 @@ impl FramedTarget<'_> {
         self.agrees(lines, fit) && is_gain(before, after, GAIN)
     }
 
-    /// The radial distortion (OpenCV's k1) that explains the blocks clearly better than the target's own camera and than
-    /// the `framing` that explains them.
+    /// The radial distortion (OpenCV's k1) that explains the blocks clearly better than the target's own camera and
+    /// than the `framing` that explains them.
     fn lens(&self, measured: &Measured, framing: Option<DVec4>) -> Option<f64> {
         measured.fit?;
         let lines = &measured.lines;
@@ -215,11 +228,11 @@ impl FramedTarget<'_> {
         })?;
         let before = off(lines, |_| 0.0);
         let after = off(lines, |row| by_lens(row, k1));
-        let near = |(row, off): &&Line| (off - by_lens(row, k1)).abs() <= AGREEING.0;
+        let near = |(row, off): &&Line| (off - by_lens(row, k1)).abs() <= MAX_OFF_FIT;
         let agreeing = lines.iter().filter(near).count() as f64;
         let is_simpler = framing.is_none_or(|fit| after <= off(lines, |row| row.dot(fit)));
         let is_found =
-            agreeing >= AGREEING.1 * lines.len() as f64 && is_gain(before, after, GAIN_OF_LENS);
+            agreeing >= MIN_AGREEING * lines.len() as f64 && is_gain(before, after, GAIN_OF_LENS);
         (is_found && is_simpler).then_some(k1)
     }
 
@@ -281,7 +294,7 @@ fn locate([of, shown]: [&RgbImage; 2], centre: DVec2, start: DVec2, reach: i32) 
         let curvature = (2.0 * best.1 - before - after).max(1e-6);
         ((after - before) / (2.0 * curvature)).clamp(-0.5, 0.5)
     });
-    let is_found = best.1 >= FOUND.0 && elsewhere <= best.1 - FOUND.1;
+    let is_found = best.1 >= MIN_CORRELATION && elsewhere <= best.1 - MIN_DISTINCTION;
     is_found.then_some(best.0 + DVec2::from(between))
 }
 
@@ -311,8 +324,8 @@ mod tests {
     use super::super::picture_motion::tests::{PLANE, camera, pose, view};
     use super::*;
 
-    /// How pictures by another camera, turned by `roll` radians, frame two targets: one of a stereo pair, one of a turned
-    /// camera. `plane` is the predicted depth.
+    /// How pictures by another camera, turned by `roll` radians, frame two targets: one of a stereo pair, one of a
+    /// turned camera. `plane` is the predicted depth.
     fn told(intrinsics: Intrinsics, roll: f64, plane: DVec3) -> [Option<Framing>; 2] {
         let stereo = pose(0.0, [-0.15, 0.0, 0.0]);
         let turned = pose(0.03, [0.12, 0.06, 0.02]);

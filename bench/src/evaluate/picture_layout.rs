@@ -6,23 +6,23 @@ use image::RgbImage;
 
 use super::finding::PictureChange;
 
-/// Maximum difference of levels within one colour, because JPEG alters them.
-const ONE_COLOUR: u8 = 8;
-/// Minimum level of white.
-const WHITE: u8 = 247;
+/// Levels count as one colour if they differ by at most this, because JPEG alters them.
+const MAX_WITHIN_COLOUR: u8 = 8;
+/// Levels from this one on count as white.
+const MIN_WHITE: u8 = 247;
 /// Bars and margins cover at least this fraction of the lines (one in so many).
 const BAR: u32 = 50;
 /// Unfinished pictures lack at least this fraction of the rows (one in so many).
 const MISSING: u32 = 5;
-/// Maximum difference in thickness of two bars, pixels.
-const UNEVEN: u32 = 2;
+/// Two bars count as equally thick if their thickness differs by at most this, pixels.
+const MAX_UNEVEN: u32 = 2;
 /// Neighbouring rows of interlaced pictures differ more than rows two apart, by this factor.
 const MIN_STEPS: f64 = 1.2;
 /// In other pictures, and among columns, they differ at most by this factor.
 const MAX_STEPS: f64 = 1.05;
-/// Share of the lines that are equal to the line before in pictures enlarged by 1.3 to 16 times, and maximum number of
-/// them in succession.
+/// Share of the lines that are equal to the line before in pictures enlarged by 1.3 to 16 times.
 const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;
+/// In such pictures, at most this many lines in succession are equal to the line before.
 const MAX_REPEATED: usize = 15;
 /// Maximum size of the central part in which steps are measured, pixels.
 const STEPS_WITHIN: u32 = 256;
@@ -35,7 +35,7 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     let [rows, columns] = [true, false].map(|is_row| Sides::of(photograph, picture, is_row));
     let is_framed = [&rows, &columns]
         .iter()
-        .all(|sides| sides.are_bars() && sides.colours.iter().flatten().all(|v| *v >= WHITE));
+        .all(|sides| sides.are_bars() && sides.colours.iter().flatten().all(|v| *v >= MIN_WHITE));
     if is_framed {
         return Some(PictureChange::Framed);
     }
@@ -62,7 +62,7 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     is_change.then_some(PictureChange::Blocks)
 }
 
-/// The share of the rows (or columns) that are equal to the one before. 1 if more than `MAX_REPEATED` in
+/// The share of the rows (or columns) of `picture` that are equal to the one before. 1 if more than `MAX_REPEATED` in
 /// succession are, as in bars.
 fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     let (width, height) = picture.dimensions();
@@ -87,7 +87,7 @@ fn strip(rows: &Sides, columns: &Sides) -> Option<[i16; 2]> {
         _ => return None,
     };
     let is_all = |is: fn(&u8) -> bool| rows.colours[side].iter().all(is);
-    let is_told = is_all(|v| *v >= WHITE) || is_all(|v| *v <= ONE_COLOUR);
+    let is_told = is_all(|v| *v >= MIN_WHITE) || is_all(|v| *v <= MAX_WITHIN_COLOUR);
     let is_thick = rows.thickness[side] >= (rows.all / BAR).max(2);
     (is_told && is_thick && rows.is_sharp[side] && rows.vary[side])
         .then(|| rows.thickness.map(|lines| (1000 * lines / rows.all) as i16))
@@ -95,7 +95,7 @@ fn strip(rows: &Sides, columns: &Sides) -> Option<[i16; 2]> {
 
 /// The lines of one colour at two opposite sides of a picture.
 struct Sides {
-    /// Number of lines.
+    /// Number of lines in the picture.
     all: u32,
     /// Number of lines of one colour at the first and at the last side.
     thickness: [u32; 2],
@@ -146,7 +146,7 @@ impl Sides {
     }
 
     fn are_equal_bars(&self) -> bool {
-        self.are_bars() && self.thickness[0].abs_diff(self.thickness[1]) <= UNEVEN
+        self.are_bars() && self.thickness[0].abs_diff(self.thickness[1]) <= MAX_UNEVEN
     }
 
     /// Whether only the last side has one colour, a grey one.
@@ -179,7 +179,9 @@ fn colour_of(picture: &RgbImage, is_row: bool, at: u32) -> Option<[u8; 3]> {
 }
 
 fn is_alike(a: [u8; 3], b: [u8; 3]) -> bool {
-    a.iter().zip(b).all(|(a, b)| a.abs_diff(b) <= ONE_COLOUR)
+    a.iter()
+        .zip(b)
+        .all(|(a, b)| a.abs_diff(b) <= MAX_WITHIN_COLOUR)
 }
 
 /// The mean difference of neighbouring rows (or columns), divided by that of rows two apart.

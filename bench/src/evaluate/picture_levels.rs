@@ -5,25 +5,25 @@ use image::imageops::thumbnail;
 use image::{Rgb, RgbImage};
 use sharp::color::{Quantization, quantize, srgb_from_linear};
 
-/// The limited range of video, and how far its measured ends may be off, levels.
+/// Ends of the limited range of video, each with how far the measured end may be off, levels.
 const LIMITED: [(f64, f64); 2] = [(16.0, 2.5), (235.0, 3.0)];
 /// Widths at which the ends are measured, pixels: blur lowers the contrast at the larger one more.
 const WIDTHS: [u32; 2] = [32, 80];
 /// Levels that a picture in the limited range may reach, because JPEG overshoots it.
 const WITHIN: [u8; 2] = [12, 239];
-/// Minimum share of pixels with a wrapped channel.
-const WRAPPED: f64 = 5e-4;
-/// Maximum median difference of mid-tones in pictures that are right apart from wrapped levels.
-const MID_TONES: u8 = 30;
+/// Levels wrapped around only if at least this share of the pixels have a wrapped channel.
+const MIN_WRAPPED: f64 = 5e-4;
+/// A picture is right apart from wrapped levels if the median difference of its mid-tones is at most this.
+const MAX_MID_TONE_DIFFERENCE: u8 = 30;
 /// Maximum number of pixels compared.
 const SAMPLES: u32 = 32_768;
-/// Share of a stretched picture's levels at each end, beyond that of the photograph.
-const ENDS: f64 = 2e-4;
-/// Minimum gain in contrast of a stretched picture.
+/// In a stretched picture, the share of the levels at each end exceeds that of the photograph by at most this.
+const MAX_SHARE_AT_ENDS: f64 = 2e-4;
+/// A picture was stretched only if its contrast grew by at least this factor.
 const MIN_STRETCH: f64 = 1.04;
-/// Maximum difference of the photograph's range, stretched as the picture was, from 0..255 at either end, levels.
-const OFF_ENDS: f64 = 30.0;
-/// Minimum mean difference of a coloured photograph's channels, levels.
+/// The photograph's range, stretched as the picture was, may differ from 0..255 by at most this at either end, levels.
+const MAX_OFF_ENDS: f64 = 30.0;
+/// A photograph is coloured if the mean difference of its channels is at least this, levels.
 const MIN_COLOUR: usize = 8;
 /// The correlation of neighbouring pixels is below the first in noise, and above the second in photographs.
 const NOISE: [f64; 2] = [0.1, 0.5];
@@ -31,13 +31,15 @@ const NOISE: [f64; 2] = [0.1, 0.5];
 const IMAGENET: [(f64, f64); 3] = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)];
 /// CLIP's mean and standard deviation of red, green and blue, 0..1.
 const CLIP: [(f64, f64); 3] = [(0.4815, 0.2686), (0.4578, 0.2613), (0.4082, 0.2758)];
-/// Levels of the photograph at which the channels' lines (level of the picture by level of the photograph) are compared.
+/// Levels of the photograph at which the channels' lines (level of the picture by level of the photograph) are
+/// compared.
 const COMPARED: [f64; 2] = [60.0, 190.0];
-/// Maximum root mean square difference from the lines of a normalisation, and minimum one from equal lines for all
-/// channels, levels.
-const OFF_LINES: (f64, f64) = (3.0, 5.0);
-/// Minimum correlation of each channel with the photograph's; below it, a line does not describe the channel.
-const ALIKE: f64 = 0.8;
+/// Channels have the lines of a normalisation if their root mean square difference from these is at most this, levels.
+const MAX_OFF_LINES: f64 = 3.0;
+/// Channels have different lines if their root mean square difference from equal lines is at least this, levels.
+const MIN_OFF_EQUAL_LINES: f64 = 5.0;
+/// A line describes a channel only if its correlation with the photograph's channel is at least this.
+const MIN_CORRELATION: f64 = 0.8;
 
 /// Whether black and white of a photograph became 16 and 235: matching mean and standard deviation puts them there at
 /// two resolutions, and the picture's `ends` are within. Other losses of contrast keep another level.
@@ -98,14 +100,14 @@ pub(super) fn is_wrapped(photograph: &RgbImage, picture: &RgbImage) -> bool {
                 .for_each(|(seen, shown)| off[usize::from(seen.abs_diff(shown))] += 1);
         }
     }
-    let near: usize = off[..=usize::from(MID_TONES)].iter().sum();
-    found >= WRAPPED * all
+    let near: usize = off[..=usize::from(MAX_MID_TONE_DIFFERENCE)].iter().sum();
+    found >= MIN_WRAPPED * all
         && saturated[1] >= 2.0 * saturated[0] + found / 2.0
         && 2 * near >= off.iter().sum()
 }
 
-/// The gain in contrast, percent, of a picture whose darkest and brightest level became 0 and 255; `None` if other levels
-/// are at those ends, or the photograph has them as well.
+/// The gain in contrast, percent, of a picture whose darkest and brightest level became 0 and 255; `None` if other
+/// levels are at those ends, or the photograph has them as well.
 pub(super) fn stretching(
     photograph: &RgbImage,
     seen: &RgbImage,
@@ -123,7 +125,7 @@ pub(super) fn stretching(
     ];
     let ends = [share(picture, &|v| v == 0), share(picture, &|v| v == 255)];
     let mut both = ends.into_iter().zip(flat);
-    if !both.all(|(end, flat)| end > 0.0 && end <= flat + ENDS) {
+    if !both.all(|(end, flat)| end > 0.0 && end <= flat + MAX_SHARE_AT_ENDS) {
         return None;
     }
     let gains = WIDTHS.map(|width| {
@@ -134,8 +136,8 @@ pub(super) fn stretching(
     let highest = seen.iter().max().map(|v| f64::from(*v))?;
     let is_range = |(gain, black): &(f64, f64)| {
         *gain >= MIN_STRETCH
-            && (black + gain * lowest).abs() <= OFF_ENDS
-            && (black + gain * highest - 255.0).abs() <= OFF_ENDS
+            && (black + gain * lowest).abs() <= MAX_OFF_ENDS
+            && (black + gain * highest - 255.0).abs() <= MAX_OFF_ENDS
     };
     gains
         .iter()
@@ -233,8 +235,8 @@ pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> 
         let explained = product(0, 1).powi(2) / product(0, 0);
         (product(1, 1) - explained).max(0.0).sqrt()
     };
-    let is_exposure = off([(0.0, 1.0); 3]) < OFF_LINES.1;
-    least >= ALIKE && !is_exposure && off(IMAGENET).min(off(CLIP)) <= OFF_LINES.0
+    let is_exposure = off([(0.0, 1.0); 3]) < MIN_OFF_EQUAL_LINES;
+    least >= MIN_CORRELATION && !is_exposure && off(IMAGENET).min(off(CLIP)) <= MAX_OFF_LINES
 }
 
 /// RGB of hue, saturation and value, 0..255. `turn` is the level of a full turn of hue: 256 (PIL) or 180 (OpenCV).

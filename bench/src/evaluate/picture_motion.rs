@@ -1,8 +1,8 @@
 //! Detects pictures whose motion differs from the target's: a multiple of the true motion, or that of a misread pose.
 //!
 //! Blocks of the source's photograph are located in the target's along their epipolar lines, which gives their inverse
-//! depths, and then in the picture. To avoid false alarms on poor predictions, at least half of the blocks must agree on
-//! one cause and contradict the true motion, and `picture_order` requires most pictures to agree.
+//! depths, and then in the picture. To avoid false alarms on poor predictions, at least half of the blocks must agree
+//! on one cause and contradict the true motion, and `picture_order` requires most pictures to agree.
 
 use std::ops::RangeInclusive;
 
@@ -14,44 +14,52 @@ use super::finding::ShownCamera;
 
 /// Half the side of a block, rounded down, pixels of a shrunk picture.
 pub(super) const HALF: i64 = 5;
+/// Number of pixels of a block.
 pub(super) const AREA: usize = (2 * HALF as usize + 1).pow(2);
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [14, 10];
-/// Minimum standard deviation of a block, levels.
+/// Blocks are compared only if their standard deviation is at least this, levels.
 pub(super) const MIN_CONTRAST: f64 = 6.0;
 /// Share of the width to which the search extends along an epipolar line.
 const REACH: f64 = 0.4;
-/// Minimum correlation of a block with its place in the target's photograph and in the picture, and how much lower the
-/// correlation must be elsewhere on the line.
+/// A block is found in the target's photograph where its correlation is at least the first number, and elsewhere on the
+/// line lower by at least the second.
 const IN_TARGET: (f64, f64) = (0.8, 0.1);
+/// [`IN_TARGET`] for the picture.
 const IN_PICTURE: (f64, f64) = (0.7, 0.05);
-/// Minimum gain in correlation over the true place.
+/// Another place contradicts the true one if its correlation is higher by at least this.
 const MIN_GAIN: f64 = 0.1;
-/// Minimum number of blocks, and the share that must be found in the picture.
-const FOUND: (usize, f64) = (8, 0.4);
-/// Minimum true motion of a compared block, pixels.
+/// Motion is measured only from at least this many blocks.
+const MIN_BLOCKS: usize = 8;
+/// Motion is measured only if at least this share of the blocks are found in the picture.
+const MIN_FOUND_SHARE: f64 = 0.4;
+/// A block is compared only if its true motion is at least this, pixels.
 const MIN_MOTION: f64 = 3.0;
-/// Share of the blocks that must agree with a multiple of the motion, share that must contradict the true motion, and
-/// share that must agree with a misread pose.
-const AGREEING: f64 = 0.6;
-const CONTRADICTING: f64 = 0.5;
+/// At least this share of the blocks must agree with a multiple of the motion.
+const MIN_AGREEING: f64 = 0.6;
+/// At least this share of the blocks must contradict the true motion if a multiple of it is reported.
+const MIN_CONTRADICTING: f64 = 0.5;
+/// At least this share of the blocks must agree with a misread pose.
 const MIN_POSE_SHARE: f64 = 0.5;
 /// Number of misread poses that are tried, including the source's own.
 const CANDIDATES: usize = 10;
-/// Maximum share of the blocks that a multiple of the motion or the source's view explains, relative to an ignored
-/// rotation or a reversed axis.
+/// An ignored rotation or a reversed axis is reported only if a multiple of the motion and the source's view explain at
+/// most this many times as many blocks.
 const MAX_SIMPLER_SHARE: f64 = 0.75;
-/// Below this percentage of the true motion, the share of the blocks that must agree: blends of the source with a
-/// prediction partly show the source.
-const STILL: (i16, f64) = (20, 0.8);
-/// Minimum rotation at which the inverse pose is distinguished from a negated translation, degrees.
+/// Pictures with less than this percentage of the true motion are nearly still.
+const STILL_PERCENT: i16 = 20;
+/// [`MIN_AGREEING`] for nearly still pictures: blends of the source with a prediction partly show the source.
+const MIN_AGREEING_STILL: f64 = 0.8;
+/// From this rotation on, the inverse pose is distinguished from a negated translation, degrees.
 const MIN_TURN: f64 = 0.5;
-/// Share of a translation from which it is along one axis.
-const ALONG_AXIS: f64 = 0.97;
-/// Maximum distance from an expected place: pixels, or, if larger, a share of the motion.
-const OFF: (f64, f64) = (1.0, 0.1);
+/// A translation is along one axis if that component is at least this share of its length.
+const MIN_ALONG_AXIS: f64 = 0.97;
+/// A block is at an expected place if its distance from it is at most this, pixels.
+const MAX_OFF: f64 = 1.0;
+/// [`MAX_OFF`] as a share of the motion; the larger of the two counts.
+const MAX_OFF_SHARE: f64 = 0.1;
 
-/// Maximum level of black and minimum level of white.
+/// Highest level of black and lowest level of white.
 const MASKED: [u8; 2] = [3, 252];
 
 /// A camera and its pose relative to the source's.
@@ -66,7 +74,7 @@ impl Camera {
     }
 }
 
-/// What the blocks of a picture show.
+/// What the blocks of a picture show about its motion.
 #[derive(Debug)]
 pub(super) struct MeasuredMotion {
     /// A multiple of the true motion ([`ShownCamera::Moved`]) or a misread pose; `None` if it cannot be measured.
@@ -142,9 +150,9 @@ pub(super) fn shown_camera(
     });
     let mut blocks: Vec<Block> = centres.filter_map(|centre| search.block(centre)).collect();
     let count = blocks.iter().filter(|block| block.is_masked).count();
-    let masked = (blocks.len() >= FOUND.0).then(|| (100 * count / blocks.len()) as u8);
+    let masked = (blocks.len() >= MIN_BLOCKS).then(|| (100 * count / blocks.len()) as u8);
     blocks.retain(|block| block.is_moving);
-    if blocks.len() < FOUND.0 {
+    if blocks.len() < MIN_BLOCKS {
         return MeasuredMotion {
             camera: None,
             masked,
@@ -153,7 +161,7 @@ pub(super) fn shown_camera(
     let shares: [f64; CANDIDATES] = std::array::from_fn(|k| {
         let inside = blocks.iter().filter_map(|block| block.misread[k]);
         let agreeing = inside.clone().filter(|agrees| *agrees).count();
-        agreeing as f64 / inside.count().max(FOUND.0) as f64
+        agreeing as f64 / inside.count().max(MIN_BLOCKS) as f64
     });
     let motion = multiple(&blocks).map(|(percent, share)| (ShownCamera::Moved(percent), share));
     let simple = motion
@@ -170,7 +178,8 @@ pub(super) fn shown_camera(
             // Similar to the source's view and to multiples of the motion, which have to explain fewer blocks.
             // With one component only, reversing it negates the translation.
             ShownCamera::Reversed(axis)
-                if translation[usize::from(*axis)].abs() >= ALONG_AXIS * translation.length() =>
+                if translation[usize::from(*axis)].abs()
+                    >= MIN_ALONG_AXIS * translation.length() =>
             {
                 false
             }
@@ -190,7 +199,8 @@ pub(super) fn shown_camera(
     }
 }
 
-/// A block of the source's photograph with a distinct place in the target's. Places are in steps along its epipolar line.
+/// A block of the source's photograph with a distinct place in the target's. Places are in steps along its epipolar
+/// line.
 struct Block {
     /// Its place in the target's photograph.
     own: f64,
@@ -211,7 +221,7 @@ struct Search<'a> {
     source: &'a RgbImage,
     target: &'a RgbImage,
     shown: &'a RgbImage,
-    /// The source's.
+    /// Intrinsics of the source's camera.
     camera: Intrinsics,
     own: Camera,
     misread: [Camera; CANDIDATES],
@@ -267,15 +277,15 @@ impl Search<'_> {
 }
 
 /// Percentage of the true motion by which the blocks moved, and the share of the blocks that agree. Motion is measured
-/// from the place at infinite depth (scaled translations) or from the place in the source (scaled warps), whichever fits
-/// better. The two differ if the camera is turned or has another principal point.
+/// from the place at infinite depth (scaled translations) or from the place in the source (scaled warps), whichever
+/// fits better. The two differ if the camera is turned or has another principal point.
 fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
     let found = blocks
         .iter()
         .filter_map(|block| Some((block, block.found?)));
     let found: Vec<(&Block, (f64, bool))> = found.collect();
     let all = found.len() as f64;
-    if found.len() < FOUND.0 || all < FOUND.1 * blocks.len() as f64 {
+    if found.len() < MIN_BLOCKS || all < MIN_FOUND_SHARE * blocks.len() as f64 {
         return None;
     }
     let from = |start: fn(&Block) -> Option<f64>| {
@@ -288,13 +298,13 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
         factors.sort_by(f64::total_cmp);
         let factor = *factors
             .get(factors.len() / 2)
-            .filter(|_| factors.len() >= FOUND.0)?;
+            .filter(|_| factors.len() >= MIN_BLOCKS)?;
         let off = moves
             .iter()
             .map(|[own, shown]| ((shown - factor * own).abs(), (factor * own).abs()));
         let agreeing = off
             .clone()
-            .filter(|(off, motion)| *off <= OFF.0.max(OFF.1 * motion));
+            .filter(|(off, motion)| *off <= MAX_OFF.max(MAX_OFF_SHARE * motion));
         let agreeing = agreeing.count() as f64 / all;
         let missing = all - moves.len() as f64;
         let error = off.map(|(off, _)| off.min(3.0)).sum::<f64>() + 3.0 * missing;
@@ -310,11 +320,12 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
     })?;
     let contradicting = found.iter().filter(|(_, (_, is_other))| *is_other).count() as f64;
     let percent = (100.0 * factor).round() as i16;
-    let is_right = !ShownCamera::Moved(percent).is_wrong() || contradicting >= CONTRADICTING * all;
-    let least = if percent.abs() < STILL.0 {
-        STILL.1
+    let is_right =
+        !ShownCamera::Moved(percent).is_wrong() || contradicting >= MIN_CONTRADICTING * all;
+    let least = if percent.abs() < STILL_PERCENT {
+        MIN_AGREEING_STILL
     } else {
-        AGREEING
+        MIN_AGREEING
     };
     (agreeing >= least && is_right).then_some((percent, agreeing))
 }

@@ -22,23 +22,28 @@ use super::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
 
-/// Share of the pictures with a measured camera that must agree.
-const AGREEING: f64 = 0.8;
-/// Number of pairs per dataset whose pictures are compared, evenly spaced, and number of other targets for each.
+/// A wrong camera is reported only if at least this share of the pictures with a measured camera agree on it.
+const MIN_SHARE: f64 = 0.8;
+/// Number of pairs per dataset whose pictures are compared, evenly spaced.
 const SAMPLED: usize = 8;
+/// Number of other targets with which each of these pictures is compared.
 const OTHERS: usize = 12;
-/// Minimum number of pictures in a dataset that must show other targets.
+/// A finding is reported only if at least this many pictures of a dataset agree on it.
 const FEWEST: usize = 3;
-/// Minimum gain of another target, dB.
+/// A picture shows another target only if it is closer to it than to its own by at least this, dB.
 const MIN_GAIN: f64 = 2.0;
-/// Minimum PSNR of the source's photograph stored as JPEG, dB, and minimum gain over the target. Only copies reach both.
-const COPY: (f64, f64) = (40.0, 10.0);
+/// A picture is a copy of the source's photograph, perhaps stored as JPEG, if its PSNR against that is at least this,
+/// dB, and [`MIN_COPY_GAIN`] holds, too.
+const MIN_COPY_PSNR: f64 = 40.0;
+/// A copy is closer to the source's photograph than to the target's by at least this, dB.
+const MIN_COPY_GAIN: f64 = 10.0;
 
-/// Minimum gain of the source's photograph over the target's if a prediction shows the source's view, dB.
-const SOURCE_VIEW: f64 = 3.0;
-/// Minimum squared error of such a prediction against the target, relative to that of the source's photograph. A
+/// A prediction shows the source's view if it is closer to the source's photograph than to the target's by at least
+/// this, dB, and [`MIN_SOURCE_VIEW_ERROR`] holds, too.
+const MIN_SOURCE_VIEW_GAIN: f64 = 3.0;
+/// Such a prediction has at least this squared error against the target, relative to that of the source's photograph. A
 /// prediction that moves has less.
-const AS_FAR: f64 = 0.7;
+const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
 
 /// For each pair, the other pairs with whose targets its picture is compared.
 pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>;
@@ -86,7 +91,7 @@ fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
     (0..n).map(move |k| k * count / n + k % (count / n).max(1))
 }
 
-/// Reduced photographs by dataset, scene and view.
+/// Reduced photographs, keyed by dataset, scene and view.
 #[derive(Default)]
 pub(super) struct Thumbnails(BTreeMap<[String; 3], Option<RgbImage>>);
 
@@ -176,8 +181,9 @@ pub(crate) fn shown_target(
         return None;
     }
     let own = fit(seen, shown);
-    let is_copy =
-        |copied: Likeness| copied.psnr() >= COPY.0 && copied.psnr() - own.psnr() >= COPY.1;
+    let is_copy = |copied: Likeness| {
+        copied.psnr() >= MIN_COPY_PSNR && copied.psnr() - own.psnr() >= MIN_COPY_GAIN
+    };
     if source.is_some_and(|source| is_copy(fit(source, shown))) {
         return Some(ShownTarget::Source);
     }
@@ -185,8 +191,8 @@ pub(crate) fn shown_target(
     if let Some(source) = source
         && let (shows, copied) = (fit(source, shown), fit(seen, source))
         && shows.is_better_than(&own)
-        && shows.gain_over(&own) >= SOURCE_VIEW
-        && own.error() >= AS_FAR * copied.error()
+        && shows.gain_over(&own) >= MIN_SOURCE_VIEW_GAIN
+        && own.error() >= MIN_SOURCE_VIEW_ERROR * copied.error()
     {
         return Some(ShownTarget::SourceView);
     }
@@ -224,8 +230,9 @@ pub(crate) fn compared_pictures(count: usize) -> BTreeMap<usize, Vec<(ShownTarge
 struct OfDataset {
     shown: BTreeMap<ShownTarget, usize>,
     cameras: Vec<ShownCamera>,
-    /// Number of pictures, and of those that were cropped or padded and then resized, which are already reported.
+    /// Number of pictures.
     all: usize,
+    /// Number of pictures that were cropped or padded and then resized, which are already reported.
     resized: usize,
 }
 
@@ -233,7 +240,7 @@ impl OfDataset {
     /// The wrong camera on which nearly all measured pictures agree, how many of them do, and the number of these.
     fn wrong_camera(&self) -> Option<(ShownCamera, usize, usize)> {
         let mut cameras = self.cameras.clone();
-        if self.resized as f64 >= AGREEING * self.all as f64 {
+        if self.resized as f64 >= MIN_SHARE * self.all as f64 {
             cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
         }
         wrong_camera(cameras)
@@ -264,8 +271,8 @@ pub(super) fn is_resized(change: Option<PictureChange>) -> bool {
     matches!(change, Some(PictureChange::Cropped | PictureChange::Padded))
 }
 
-/// The datasets whose pictures agree on another focal length, lens or placement of the camera, which explains why some seem
-/// to be resized.
+/// The datasets whose pictures agree on another focal length, lens or placement of the camera, which explains why some
+/// seem to be resized.
 pub(super) fn reframed_datasets<'a>(
     records: impl Iterator<Item = &'a Record>,
 ) -> BTreeSet<&'a str> {
@@ -301,7 +308,7 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
     .collect()
 }
 
-/// A sentence if most compared pictures show other targets than their own; `found` counts what they show. `pairs`
+/// A sentence if most compared pictures show targets other than their own; `found` counts what they show. `pairs`
 /// says which pairs they belong to.
 pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
     use ShownTarget::{Next, Other, Previous, Source, SourceView};
@@ -313,7 +320,7 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     let copies = count(&[Source]);
     if is_most(copies) {
         return Some(format!(
-            "its pictures are {}, as the baseline `copy` gives: {copies} of the {all} compared in {pairs}; if this is \
+            "its pictures are {}, as with the baseline `copy` ({copies} of the {all} compared in {pairs}); if this is \
              not intended, store the predictions",
             Source.text()
         ));
@@ -321,8 +328,8 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     let views = count(&[Source, SourceView]);
     if is_most(views) {
         return Some(format!(
-            "its pictures show {} rather than the target's: {views} of the {all} compared in {pairs} are significantly \
-             closer to the source's photograph, as if they were rendered with the source's pose, or with poses of \
+            "its pictures show {} rather than the target's ({views} of the {all} compared in {pairs} are significantly \
+             closer to the source's photograph), as if they were rendered with the source's pose, or with poses of \
              another unit or axes, or as if source and target were exchanged in the file names",
             SourceView.text()
         ));
@@ -335,14 +342,14 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     };
     is_most(count).then(|| {
         format!(
-            "its pictures look as if they had the names of other {pairs}: {count} of the {all} compared show {} \
-             significantly better than their own; correct the file names",
+            "its pictures look as if they had the names of other {pairs} ({count} of the {all} compared show {} \
+             significantly better than their own); correct the file names",
             what.text()
         )
     })
 }
 
-/// The wrong camera on which nearly all of these agree, how many of them do, and their number.
+/// The wrong camera on which nearly all of the `cameras` agree, how many of them do, and their number.
 fn wrong_camera(cameras: Vec<ShownCamera>) -> Option<(ShownCamera, usize, usize)> {
     let all = cameras.len();
     let mut wrong: Vec<ShownCamera> = cameras.into_iter().filter(|c| c.is_wrong()).collect();
@@ -358,7 +365,7 @@ fn wrong_camera(cameras: Vec<ShownCamera>) -> Option<(ShownCamera, usize, usize)
         other => other,
     };
     let count = wrong.iter().filter(|camera| camera.is_like(middle)).count();
-    (count >= FEWEST && count as f64 >= AGREEING * all as f64).then_some((middle, count, all))
+    (count >= FEWEST && count as f64 >= MIN_SHARE * all as f64).then_some((middle, count, all))
 }
 
 #[cfg(test)]
@@ -434,11 +441,14 @@ mod tests {
         // A target equal to its source.
         assert_eq!(shown(&view(0, 0), 0), Some(ShownTarget::Own));
         let said = misplaced(&BTreeMap::from([(ShownTarget::Source, 3)]), "pairs of d").unwrap();
-        assert!(said.contains("are the source's photograph, "), "{said}");
+        assert!(
+            said.contains("are the source's photograph, as with the baseline `copy` (3 of the 3"),
+            "{said}"
+        );
         let said = BTreeMap::from([(ShownTarget::Source, 1), (ShownTarget::SourceView, 3)]);
         let said = misplaced(&said, "pairs of d").unwrap();
         assert!(
-            said.contains("show the source's view rather than the target's: 4 of the 4"),
+            said.contains("show the source's view rather than the target's (4 of the 4"),
             "{said}"
         );
     }
@@ -509,7 +519,7 @@ mod tests {
                 vec![(Reversed(1), 4)],
                 [
                     "show",
-                    "if the y of its translation is reversed",
+                    "if the y of its translation were reversed",
                     "4 of the 4",
                 ],
             ),

@@ -1,8 +1,8 @@
 //! Detects pictures that show the photograph at another size, or several times: crops and padding that were resized to
 //! the target's size, and panels side by side.
 //!
-//! Only another size along one axis, or with the upper left corner in place, is evidence: if a method ignores motion along
-//! the optical axis, its pictures have another size along both axes, about the middle.
+//! Only another size along one axis, or with the upper left corner in place, is evidence: if a method ignores motion
+//! along the optical axis, its pictures have another size along both axes, about the middle.
 
 use image::imageops::thumbnail;
 use image::{GenericImageView, RgbImage};
@@ -12,25 +12,25 @@ use super::gaussians::likeness::Likeness;
 use crate::scoring::Region;
 
 /// Width at which the place is searched, pixels.
-const SEARCHED: u32 = 48;
+const SEARCH_WIDTH: u32 = 48;
 /// Sizes of the photograph from which the search starts.
 const STARTS: [f64; 9] = [0.5, 0.5625, 0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.78];
 /// Steps of the search, in sizes of the picture.
 const STEPS: [f64; 6] = [0.04, 0.02, 0.01, 0.005, 0.0025, 0.001];
-/// Minimum share of the picture that the photograph covers.
-const COVERED: f64 = 0.5;
-/// Minimum change of width or height, in sizes of the picture.
-const RESIZED: f64 = 0.018;
-/// Maximum offset of an edge that has stayed in place, in sizes of the picture.
-const UNMOVED: f64 = 0.009;
-/// Minimum gain by another place, dB.
+/// A place is tried only if the photograph covers at least this share of the picture there.
+const MIN_COVERED: f64 = 0.5;
+/// A picture counts as resized if its width or height changed by at least this, in sizes of the picture.
+const MIN_RESIZED: f64 = 0.018;
+/// An edge counts as unmoved if it is off by less than this, in sizes of the picture.
+const MAX_UNMOVED: f64 = 0.009;
+/// Another place must bring the picture closer to the photograph by at least this, dB.
 const MIN_PLACE_GAIN_DB: f64 = 1.5;
-/// Minimum gain by panels, dB.
+/// Panels must bring the picture closer to the photograph by at least this, dB.
 const MIN_PANEL_GAIN_DB: f64 = 3.0;
 
 /// Whether a picture shows the photograph in panels, or all of it at another size. Both are shrunk to the same size.
 pub(super) fn placement_change(seen: &RgbImage, shown: &RgbImage) -> Option<PictureChange> {
-    if seen.width() < SEARCHED / 2 || seen.height() < SEARCHED / 4 {
+    if seen.width() < SEARCH_WIDTH / 2 || seen.height() < SEARCH_WIDTH / 4 {
         return None;
     }
     if has_panels(seen, shown) {
@@ -71,8 +71,8 @@ impl Place {
 
     fn of(seen: &RgbImage, shown: &RgbImage) -> Self {
         let (width, height) = seen.dimensions();
-        let height = (SEARCHED * height / width).max(1);
-        let [seen, shown] = [seen, shown].map(|p| Grey::of(&thumbnail(p, SEARCHED, height)));
+        let height = (SEARCH_WIDTH * height / width).max(1);
+        let [seen, shown] = [seen, shown].map(|p| Grey::of(&thumbnail(p, SEARCH_WIDTH, height)));
         let error = |place: &Self| place.error(&seen, &shown).unwrap_or(f64::INFINITY);
         let better = |best: (f64, Self), place: Self| {
             let found = error(&place);
@@ -126,10 +126,10 @@ impl Place {
                 }
             }
         }
-        (count >= COVERED * f64::from(width * height)).then(|| sum / count)
+        (count >= MIN_COVERED * f64::from(width * height)).then(|| sum / count)
     }
 
-    /// Whether the picture is significantly closer to the photograph at this place than at its own.
+    /// Whether the picture `shown` is significantly closer to the photograph `seen` at this place than at its own.
     fn is_significant(&self, seen: &RgbImage, shown: &RgbImage) -> bool {
         let whole = Region::whole(seen.dimensions());
         let (mut placed, mut as_read) = (shown.clone(), shown.clone());
@@ -149,10 +149,10 @@ impl Place {
         use PictureChange::{Cropped, Padded};
         let [x, y] = self.0.map(|axis| {
             let [first, last] = [-0.5, 0.5].map(|side| (side - axis[0]) / axis[1] - side);
-            let is_kept = [first, last].map(|off| off.abs() < UNMOVED);
+            let is_kept = [first, last].map(|off| off.abs() < MAX_UNMOVED);
             let size = last - first;
             let change = if size < 0.0 { Padded } else { Cropped };
-            let is_centred = axis[0].abs() < UNMOVED && size.abs() >= RESIZED;
+            let is_centred = axis[0].abs() < MAX_UNMOVED && size.abs() >= MIN_RESIZED;
             (is_kept, is_centred.then_some(change), size)
         });
         match [x, y] {
@@ -162,7 +162,10 @@ impl Place {
                 change
             }
             [(a, _, width), (b, _, height)]
-                if a[0] && b[0] && width.min(height) <= -RESIZED && width.max(height) < UNMOVED =>
+                if a[0]
+                    && b[0]
+                    && width.min(height) <= -MIN_RESIZED
+                    && width.max(height) < MAX_UNMOVED =>
             {
                 Some(Padded)
             }
@@ -193,7 +196,7 @@ impl Grey {
         }
     }
 
-    /// Bilinear.
+    /// The level at a position, interpolated bilinearly.
     fn at(&self, (x, y): (f64, f64)) -> f64 {
         let (width, height) = self.size;
         let (left, top) = (x as u32, y as u32);

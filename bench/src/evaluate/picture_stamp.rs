@@ -10,22 +10,27 @@ use crate::pairs::valid_depth::median_of;
 
 /// Number of cells across and down.
 const GRID: [u32; 2] = [40, 30];
-/// Minimum difference between a picture and its target in a cell with foreign content, levels.
-const WRONG: u8 = 12;
-/// Maximum difference of equal content from its median, levels.
-const EQUAL: u8 = 3;
-/// Minimum number of targets and of sources of the pictures compared: predictions from one source may be alike.
-const FEWEST: [usize; 2] = [4, 3];
-/// Share of the pictures that must have the content.
-const AGREEING: f64 = 0.8;
-/// Minimum median difference of these targets from their median, levels: what is equal in them is not foreign.
-const TARGETS_DIFFER: f64 = 8.0;
-/// Minimum number of cells, and minimum share of the rectangle around them: other faults are scattered.
-const CELLS: (usize, f64) = (8, 0.4);
-/// Maximum share of all cells: pictures that are wrong everywhere have another cause.
+/// A cell may have foreign content if picture and target differ there by at least this, levels.
+const MIN_FOREIGN_DIFFERENCE: u8 = 12;
+/// Content counts as equal if it differs from its median by at most this, levels.
+const MAX_EQUAL_DIFFERENCE: u8 = 3;
+/// Pictures are compared only if they have at least this many targets.
+const MIN_TARGETS: usize = 4;
+/// Pictures are compared only if they have at least this many sources: predictions from one source may be alike.
+const MIN_SOURCES: usize = 3;
+/// At least this share of the pictures must have the content.
+const MIN_SHARE: f64 = 0.8;
+/// The targets of these pictures must differ from their median by at least this, as a median, levels: what is equal in
+/// them is not foreign.
+const MIN_TARGET_DIFFERENCE: f64 = 8.0;
+/// The content must fill at least this many cells.
+const MIN_CELLS: usize = 8;
+/// The content must fill at least this share of the rectangle around it: other faults are scattered.
+const MIN_FILLED: f64 = 0.4;
+/// The content may fill at most this share of all cells: pictures that are wrong everywhere have another cause.
 const MAX_SHARE: f64 = 0.5;
-/// Minimum contrast of the content, levels: holes and backgrounds have one colour.
-const CONTRAST: u8 = 24;
+/// The content must have at least this contrast, levels: holes and backgrounds have one colour.
+const MIN_CONTRAST: u8 = 24;
 
 /// Number of a cell, row by row, and its mean levels in the picture and in the target.
 pub(super) type Cell = (u16, u8, u8);
@@ -40,7 +45,7 @@ pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<Cell> {
     let both = levels(picture).into_iter().zip(levels(target));
     let wrong = (0..)
         .zip(both)
-        .filter(|(_, (own, seen))| own.abs_diff(*seen) >= WRONG);
+        .filter(|(_, (own, seen))| own.abs_diff(*seen) >= MIN_FOREIGN_DIFFERENCE);
     wrong.map(|(cell, (own, seen))| (cell, own, seen)).collect()
 }
 
@@ -65,7 +70,8 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
             .map(|(record, _)| (&record.scene, of(record)));
         names.collect::<BTreeSet<_>>().len()
     };
-    if views(|record| &record.target) < FEWEST[0] || views(|record| &record.source) < FEWEST[1] {
+    if views(|record| &record.target) < MIN_TARGETS || views(|record| &record.source) < MIN_SOURCES
+    {
         return None;
     }
     let all = pictures.len();
@@ -75,11 +81,11 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
     }
     let stamped = levels.into_iter().filter_map(|(cell, mut levels)| {
         let own = median_of(levels.iter().map(|level| level.0).collect())? as u8;
-        levels.retain(|level| level.0.abs_diff(own) <= EQUAL);
+        levels.retain(|level| level.0.abs_diff(own) <= MAX_EQUAL_DIFFERENCE);
         let seen = median_of(levels.iter().map(|level| level.1).collect())? as u8;
         let apart = levels.iter().map(|level| level.1.abs_diff(seen));
-        let is_stamped = levels.len() as f64 >= AGREEING * all as f64
-            && median_of(apart.collect())? >= TARGETS_DIFFER;
+        let is_stamped = levels.len() as f64 >= MIN_SHARE * all as f64
+            && median_of(apart.collect())? >= MIN_TARGET_DIFFERENCE;
         is_stamped.then_some((u32::from(cell), own))
     });
     let stamped: Vec<(u32, u8)> = stamped.collect();
@@ -100,16 +106,16 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
         stamped.len(),
         stamped.len() as f64 / f64::from(GRID[0] * GRID[1]),
     );
-    let is_found = count >= CELLS.0 && count as f64 >= CELLS.1 * around && share <= MAX_SHARE;
-    if !is_found || contrast < CONTRAST {
+    let is_found = count >= MIN_CELLS && count as f64 >= MIN_FILLED * around && share <= MAX_SHARE;
+    if !is_found || contrast < MIN_CONTRAST {
         return None;
     }
     let [across, down] = [(across, GRID[0]), (down, GRID[1])]
         .map(|([first, last], of)| format!("{} to {} %", 100 * first / of, 100 * last / of));
     Some(format!(
-        "its pictures have something in common that their targets do not, as captions, logos and watermarks leave: \
-         about {:.0} % of their area, at {across} of the width and {down} of the height, is the same in nearly all of \
-         the {all} compared of {dataset}; store the pictures without it",
+        "its pictures have something in common that their targets do not have, such as a caption, logo or watermark \
+         (about {:.0} % of their area, at {across} of the width and {down} of the height, is the same in nearly all of \
+         the {all} compared of {dataset}); store the pictures without it",
         100.0 * share
     ))
 }

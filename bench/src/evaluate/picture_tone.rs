@@ -1,5 +1,5 @@
-//! Detects an exposure, white balance or tone curve that all pictures of a dataset have and their targets do not, darker
-//! corners, and masked backgrounds.
+//! Detects an exposure, white balance or tone curve that all pictures of a dataset have and their targets do not,
+//! darker corners, and masked backgrounds.
 //!
 //! Sorted levels are compared, which depend neither on places nor, in reduced pictures, on noise and blur. Methods that
 //! reproduce levels badly do so in each picture differently; only one curve for nearly all of them is evidence.
@@ -17,36 +17,46 @@ use super::record::{Record, Status};
 const GRID: [u32; 2] = [32, 24];
 /// Quantiles that are compared, percent.
 const QUANTILES: [usize; 5] = [10, 30, 50, 70, 90];
-/// Pixels up to the first level are black; cells with any are skipped as holes unless the target's mean is below the
-/// second. At least this share of the cells must be left.
-const BLACK: (u8, u8) = (3, 20);
+/// Pixels up to this level are black. Cells with a black pixel are skipped as holes, unless the target is dark there.
+const MAX_BLACK: u8 = 3;
+/// The target is dark in a cell if its mean there is at most this level.
+const MAX_DARK: u8 = 20;
+/// A picture's tone is measured only if at least this share of the cells is left.
 const MIN_CELLS: f64 = 0.5;
 /// Levels outside this range may be clipped.
 const UNCLIPPED: std::ops::RangeInclusive<u8> = 12..=247;
-/// Minimum number of pictures, and the share whose error a curve must halve.
-const AGREEING: (usize, f64) = (3, 0.8);
-/// Minimum root mean square difference from the targets' levels.
+/// A finding is reported only if at least this many pictures of a dataset have it.
+const MIN_PICTURES: usize = 3;
+/// A curve must halve the error of at least this share of a dataset's pictures.
+const MIN_SHARE: f64 = 0.8;
+/// A curve is sought only if the root mean square difference from the targets' levels is at least this.
 const MIN_OFF: f64 = 8.0;
-/// Maximum squared error of a curve, relative to that without it.
-const EXPLAINED: f64 = 0.25;
-/// A curve with more parameters must have a squared error lower by this factor.
-const BETTER: f64 = 0.6;
-/// Minimum share of the pictures that follow other exposures of their sources.
-const FOLLOWING: f64 = 0.4;
-/// Minimum difference of the means, relative to the root mean square difference, that a loss of contrast does not leave.
+/// A curve explains levels if its squared error is at most this multiple of that without it.
+const MAX_EXPLAINED_ERROR: f64 = 0.25;
+/// A curve with more parameters must reduce the squared error to this fraction.
+const MAX_BETTER_ERROR: f64 = 0.6;
+/// Exposures of sources are reported only if at least this share of the pictures follow them.
+const MIN_FOLLOWING: f64 = 0.4;
+/// The means differ by at least this multiple of the root mean square difference unless only contrast was lost.
 const MIN_MEAN_SHARE: f64 = 0.7;
-/// Minimum ratio of two channels' gains that is a white balance.
+/// Gains are a white balance if those of two channels differ by at least this factor.
 const MIN_BALANCE: f64 = 1.06;
-/// Squared distances from the middle, relative to the corners', that count as middle, between and corner.
+/// Squared distances from the middle, relative to those of the corners, that count as middle, as between and as corner.
 const RINGS: [(f64, f64); 3] = [(0.0, 0.12), (0.3, 0.5), (0.65, 1.0)];
-/// Minimum darkening of the corners, and its maximum difference from that of the other pictures, as logarithms. The
-/// places between must have these shares of it.
-const CORNERS: (f64, f64) = (0.16, 0.12);
-const BETWEEN: (f64, f64) = (0.15, 0.85);
+/// Corners count as dark if they are darkened by at least this, as a logarithm.
+const MIN_DARKENING: f64 = 0.16;
+/// The darkening of a picture agrees with that of the others if it differs by at most this, as a logarithm.
+const MAX_UNEVEN: f64 = 0.12;
+/// The places between middle and corners are darkened by at least this share of the corners' darkening.
+const MIN_BETWEEN: f64 = 0.15;
+/// The places between middle and corners are darkened by at most this share of the corners' darkening.
+const MAX_BETWEEN: f64 = 0.85;
 
-/// Minimum share of the content that is black or white, percent, and the share of the pictures that must have it. Holes
-/// of predictions are where the source shows nothing.
-const MASKED: (u8, f64) = (5, 0.5);
+/// A picture counts as masked if at least this share of the content is black or white, percent. Holes of predictions
+/// are where the source shows nothing.
+const MIN_MASKED_PERCENT: u8 = 5;
+/// Masks are reported only if at least this share of the pictures are masked.
+const MIN_MASKED_SHARE: f64 = 0.5;
 
 /// Levels of a picture, its target and its source at [`QUANTILES`], by channel.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -67,9 +77,13 @@ pub(super) fn tone([source, target, shown]: [&RgbImage; 3]) -> Option<Tone> {
     let mut is_hole = vec![false; own.pixels().len()];
     for (x, y, pixel) in shown.enumerate_pixels() {
         let (x, y) = (x * GRID[0] / width, y * GRID[1] / height);
-        let is_dark = seen.get_pixel(x, y).0.iter().all(|level| *level <= BLACK.1);
+        let is_dark = seen
+            .get_pixel(x, y)
+            .0
+            .iter()
+            .all(|level| *level <= MAX_DARK);
         is_hole[(y * GRID[0] + x) as usize] |=
-            !is_dark && pixel.0.iter().all(|level| *level <= BLACK.0);
+            !is_dark && pixel.0.iter().all(|level| *level <= MAX_BLACK);
     }
     let cells = is_hole.iter().enumerate().filter(|(_, is)| !**is);
     let cells: Vec<u32> = cells.map(|(cell, _)| cell as u32).collect();
@@ -92,7 +106,7 @@ pub(super) fn tone([source, target, shown]: [&RgbImage; 3]) -> Option<Tone> {
     })
 }
 
-/// See [`Tone::corners`]; `None` if one of the rings has too few cells that are not black.
+/// Measures [`Tone::corners`]; `None` if one of the rings has too few cells that are not black.
 fn corners(cells: &[u32], seen: &RgbImage, own: &RgbImage) -> Option<[i16; 2]> {
     let mut rings: [Vec<f64>; 3] = Default::default();
     for cell in cells {
@@ -147,8 +161,8 @@ impl Curve {
     /// Completes the sentence "its pictures".
     fn text(self) -> String {
         let Self::Power { gains, gamma } = self else {
-            return "look as if they were tone mapped: with x / (1 + x) of linear light (Reinhard), the photographs' \
-                    levels become theirs"
+            return "look as if they were tone mapped with x / (1 + x) of linear light (Reinhard), which turns the \
+                    photographs' levels into theirs"
                 .to_owned();
         };
         let [red, green, blue] = gains;
@@ -161,19 +175,19 @@ impl Curve {
                 false => String::new(),
             };
             return format!(
-                "look as if they had another tone curve: their levels are {times}the photographs' (0 to 1) to the power \
-                 of {gamma:.2}, as tone mapping or another gamma leaves"
+                "look as if they had another tone curve, with {times}the photographs' levels (0 to 1) to the power of \
+                 {gamma:.2}, as after tone mapping or with another gamma"
             );
         }
         match is_balance {
             true => format!(
-                "have {red:.2}, {green:.2} and {blue:.2} times the red, green and blue of the photographs, as another white \
-                 balance leaves"
+                "have {red:.2}, {green:.2} and {blue:.2} times the red, green and blue of the photographs, as with another \
+                 white balance"
             ),
             false => format!(
-                "have {green:.2} times the levels of the photographs, as another exposure leaves{}",
+                "have {green:.2} times the levels of the photographs, as with another exposure{}",
                 if most < 1.0 {
-                    ", or colours that were multiplied by alpha"
+                    " or colours that were multiplied by alpha"
                 } else {
                     ""
                 }
@@ -250,17 +264,17 @@ fn explaining(pairs: &[LevelPair]) -> Option<Curve> {
     let (line, is_shifted) = (error_of_line(pairs), shift.abs() >= MIN_MEAN_SHARE * off);
     let is_told = |curve: &Curve| match curve {
         Curve::Power { gamma, .. } if *gamma != 1.0 => {
-            is_shifted || error(pairs, *curve) <= BETTER * line
+            is_shifted || error(pairs, *curve) <= MAX_BETTER_ERROR * line
         }
         _ => true,
     };
     let best = curves.into_iter().filter(is_told).reduce(|best, curve| {
-        match error(pairs, curve) < BETTER * error(pairs, best) {
+        match error(pairs, curve) < MAX_BETTER_ERROR * error(pairs, best) {
             true => curve,
             false => best,
         }
     })?;
-    (255.0 * off >= MIN_OFF && error(pairs, best) <= EXPLAINED * before).then_some(best)
+    (255.0 * off >= MIN_OFF && error(pairs, best) <= MAX_EXPLAINED_ERROR * before).then_some(best)
 }
 
 /// A sentence for each dataset whose pictures have one curve or dark corners in common.
@@ -277,7 +291,7 @@ pub(super) fn toned_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> V
         let changed = pictures
             .iter()
             .filter(|(record, _)| record.change.is_some());
-        pictures.len() >= AGREEING.0 && 2 * changed.count() < pictures.len()
+        pictures.len() >= MIN_PICTURES && 2 * changed.count() < pictures.len()
     });
     told.filter_map(|(dataset, pictures)| {
         let tones: Vec<&Tone> = pictures.iter().map(|(_, tone)| *tone).collect();
@@ -303,20 +317,20 @@ pub(super) fn masked_pictures<'a>(
     let told = by_dataset.into_iter().filter_map(|(dataset, mut shares)| {
         shares.sort_unstable();
         let (all, median) = (shares.len(), *shares.get(shares.len() / 2)?);
-        let count = shares.iter().filter(|share| **share >= MASKED.0).count();
-        let is_found = count >= AGREEING.0 && count as f64 >= MASKED.1 * all as f64;
+        let count = shares.iter().filter(|share| **share >= MIN_MASKED_PERCENT).count();
+        let is_found = count >= MIN_PICTURES && count as f64 >= MIN_MASKED_SHARE * all as f64;
         is_found.then(|| {
             format!(
-                "its pictures are black or white in places that both source and target show: {median} % of them in the \
-                 median, in {count} of the {all} compared pairs of {dataset}, as a masked background leaves; store the \
-                 pictures without a mask, and render the background as well"
+                "its pictures are black or white in places that both source and target show (a median of {median} % of \
+                 these places, in {count} of the {all} compared pairs of {dataset}), as with a masked background; store \
+                 the pictures without a mask, and render the background as well"
             )
         })
     });
     told.collect()
 }
 
-/// How many pictures a curve explains.
+/// Number of the pictures in `of` whose levels `curve` explains.
 fn explained(of: &[Vec<LevelPair>], curve: Curve) -> usize {
     let is_explained =
         |pairs: &&Vec<LevelPair>| 2.0 * error(pairs, curve) <= error(pairs, Curve::AS_READ);
@@ -324,7 +338,7 @@ fn explained(of: &[Vec<LevelPair>], curve: Curve) -> usize {
 }
 
 fn common_curve(tones: &[&Tone], dataset: &str) -> Option<String> {
-    let is_most = |count: usize| count as f64 >= AGREEING.1 * tones.len() as f64;
+    let is_most = |count: usize| count as f64 >= MIN_SHARE * tones.len() as f64;
     let by_picture = |of: fn(&Tone) -> &[[u8; 5]; 3]| -> Vec<Vec<LevelPair>> {
         tones
             .iter()
@@ -352,8 +366,8 @@ fn common_curve(tones: &[&Tone], dataset: &str) -> Option<String> {
     })
 }
 
-/// A sentence if many sources and targets differ in exposure, each pair by another factor, and the pictures follow their
-/// sources.
+/// A sentence if many sources and targets differ in exposure, each pair by a different factor, and the pictures follow
+/// their sources.
 fn exposures_of_sources(tones: &[&Tone], dataset: &str) -> Option<String> {
     let following = tones.iter().filter(|tone| {
         let curve = explaining(&level_pairs(&tone.target, &tone.source));
@@ -361,7 +375,7 @@ fn exposures_of_sources(tones: &[&Tone], dataset: &str) -> Option<String> {
             .is_some_and(|curve| explained(&[level_pairs(&tone.target, &tone.picture)], curve) == 1)
     });
     let (count, all) = (following.count(), tones.len());
-    (count >= AGREEING.0 && count as f64 >= FOLLOWING * all as f64).then(|| {
+    (count >= MIN_PICTURES && count as f64 >= MIN_FOLLOWING * all as f64).then(|| {
         format!(
             "its pictures have the exposure or white balance of their sources, which differs from the targets' in {count} of \
              the {all} compared pairs of {dataset}; use photographs of one exposure, or compare \
@@ -379,17 +393,17 @@ fn dark_corners(tones: &[&Tone], dataset: &str) -> Option<String> {
     corners.sort_by(f64::total_cmp);
     let middle = *corners.get(corners.len() / 2)?;
     let agreeing = measured.iter().filter(|[corner, between]| {
-        (corner - middle).abs() <= CORNERS.1.max(0.3 * middle.abs())
-            && *between <= BETWEEN.0 * corner
-            && *between >= BETWEEN.1 * corner
+        (corner - middle).abs() <= MAX_UNEVEN.max(0.3 * middle.abs())
+            && *between <= MIN_BETWEEN * corner
+            && *between >= MAX_BETWEEN * corner
     });
     let (count, all) = (agreeing.count(), tones.len());
     let is_found =
-        middle <= -CORNERS.0 && count >= AGREEING.0 && count as f64 >= AGREEING.1 * all as f64;
+        middle <= -MIN_DARKENING && count >= MIN_PICTURES && count as f64 >= MIN_SHARE * all as f64;
     is_found.then(|| {
         format!(
             "its pictures have corners that are {:.0} % darker, compared with their middle, than those of the photographs \
-             ({count} of the {all} compared in pairs of {dataset} agree), as vignetting leaves, or colours multiplied by an \
+             ({count} of the {all} compared in pairs of {dataset} agree), as with vignetting or colours multiplied by an \
              alpha that falls off; store them without it",
             100.0 * (1.0 - middle.exp())
         )

@@ -38,12 +38,12 @@ use crate::scoring::ground_truth::valid_mask;
 
 /// A unit passed from the predicting to the scoring thread.
 pub(super) enum Prepared {
-    /// Complete or failed.
+    /// The unit is complete or has failed.
     Done(Box<Unit>, Reuse),
     Unscored(Box<Unscored>),
-    /// Needs another stage first.
+    /// The unit needs another stage first.
     Waiting,
-    /// Not started before the run was stopped.
+    /// The unit was not started before the run was stopped.
     Left,
 }
 
@@ -114,11 +114,11 @@ fn cached<'c, 'a, T>(
     }
 }
 
-/// Why there is no picture.
+/// Reason that a unit has no picture.
 enum Failure {
-    /// Recorded as the unit's failure.
+    /// The reason is recorded as the unit's failure.
     Pair(String),
-    /// Ends the run.
+    /// The error ends the run.
     Run(EvaluateError),
     /// This stage needs a kept prediction that does not exist.
     Waiting,
@@ -150,13 +150,13 @@ impl From<MethodError> for Failure {
 struct Made {
     prediction: PicturePrediction,
     warnings: BTreeMap<String, String>,
-    /// See [`Record::rule_note`].
+    /// Value for [`Record::rule_note`].
     rule_note: Option<String>,
     scale: Option<ChosenScale>,
     rendering: Option<RenderOutput>,
     predict_secs: f64,
     render_secs: f64,
-    /// See [`Timing::inference`].
+    /// Value for [`Timing::inference`].
     inference: Option<String>,
 }
 

@@ -102,7 +102,7 @@ pub struct Evaluation {
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,
     pub(super) config: Option<RunConfig>,
-    /// [`DatasetRecord::unreadable_views`] from the plan, by dataset, because shards build no pairs.
+    /// [`DatasetRecord::unreadable_views`] from the plan, keyed by dataset, because shards build no pairs.
     planned_unreadable: BTreeMap<String, usize>,
     pub(super) methods: Vec<Box<dyn Method>>,
     pub(super) scoring: Scoring,
@@ -110,7 +110,7 @@ pub struct Evaluation {
     aggregation: Aggregation,
     protocol: Option<ProtocolRecord>,
     pub(super) renderer: SharedRenderer,
-    /// See [`Job::clock`].
+    /// Clock for timing; see [`Job::clock`].
     pub(super) clock: fn() -> Duration,
 }
 
@@ -168,7 +168,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             if left > 0 {
                 let all = list.pairs.len();
                 observer.warn(&format!(
-                    "{left} of the {all} pairs in the list are not evaluated: their scenes or \
+                    "{left} of the {all} pairs in the list are not evaluated, because their scenes or \
                      views cannot be read"
                 ));
             }
@@ -271,8 +271,8 @@ fn check_files(
             line: first.line,
             reason: format!(
                 "the cameras of {} are {found_m} m and {found_deg}° apart, but {listed_m} m and \
-                 {listed_deg}° in the list ({} in all): the list was made from other poses or with \
-                 other settings; `pairs verify` compares the two; `pairs` builds a new list",
+                 {listed_deg}° in the list ({} in all), so the list was made from other poses or with \
+                 other settings; `pairs verify` compares the two, and `pairs` builds a new list",
                 first.pair_id,
                 counted(found.moved.len(), "such pair"),
             ),
@@ -288,7 +288,7 @@ fn check_files(
 }
 
 impl Evaluation {
-    /// The selected pairs by id, up to the limit.
+    /// The selected pairs, sorted by id; with a limit, a [`spread`] sample over datasets and scenes.
     pub(super) fn pairs(&self) -> Result<Vec<ResolvedPair<'_>>, EvaluateError> {
         let mut pairs = self.list.resolve_readable(&self.scenes, &self.datasets)?;
         pairs.retain(|resolved| resolved.pair.selected);
@@ -418,7 +418,7 @@ impl Evaluation {
     }
 }
 
-/// The smallest and the largest view by number of pixels.
+/// Sizes of the views with the fewest and with the most pixels; one entry if they are equal.
 fn view_sizes(dataset: &OpenDataset) -> Vec<(u32, u32)> {
     let views = dataset.scenes.iter().flat_map(|scene| &scene.views);
     let sizes = views.map(|view| (view.intrinsics.width, view.intrinsics.height));

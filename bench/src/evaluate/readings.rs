@@ -29,11 +29,11 @@ const MIN_ALPHA: f32 = 1e-4;
 /// How a prediction is converted to the scored picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PictureReading {
-    /// As scored by the run.
+    /// The picture as the run scored it.
     AsScored,
     /// Floating-point values, not rounded to 8 bit.
     Unrounded,
-    /// Truncated to 8 bit.
+    /// Floating-point values truncated to 8 bit.
     Truncated,
     /// Linear colour divided by alpha, so that partly covered pixels take the colour of the covering surface; rounded
     /// to 8 bit.
@@ -51,7 +51,7 @@ impl PictureReading {
         Self::BorderCropped,
     ];
 
-    /// Name in tables and files.
+    /// Name of the reading in tables and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::AsScored => "as scored",
@@ -73,11 +73,11 @@ impl PictureReading {
 pub struct Readings {
     /// Units with a kept picture.
     pub records: Vec<Record>,
-    /// Number of units by dataset.
+    /// Number of units of each dataset.
     pub units: BTreeMap<String, usize>,
     /// For each reading and metric, one score per record. Metrics without any score are left out.
     pub scores: BTreeMap<(PictureReading, MetricKey), Vec<Option<f64>>>,
-    /// Number of pairs by reading and reason, for scores that are missing.
+    /// Number of pairs without a score, keyed by reading and reason.
     pub absent: BTreeMap<(String, String), usize>,
     /// Number of the run's scores that differ when recomputed from the kept pictures.
     pub changed: usize,

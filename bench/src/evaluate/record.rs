@@ -210,8 +210,8 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
             && *gaussians.entry([method, dataset, file]).or_insert(hash) != hash
         {
             return Some(format!(
-                "the Gaussians {file} of '{method}' changed: some targets were rendered from \
-                 another file than {}",
+                "the Gaussians {file} of '{method}' have changed, so some targets were rendered from \
+                 a different file from that of {}",
                 record.pair_id
             ));
         }

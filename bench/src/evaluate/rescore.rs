@@ -135,7 +135,7 @@ pub fn score_shard(
 
 /// Advice for kept pictures whose input files have changed: an old prediction must not be scored against a new
 /// photograph.
-const EVALUATE_AGAIN: &str = "`run` with the same options evaluates it again";
+const EVALUATE_AGAIN: &str = "`run` with the same options evaluates this pair again";
 
 /// The manifest with its metrics replaced by those of `scoring`.
 fn under(manifest: &Manifest, scoring: &Scoring) -> Manifest {
@@ -389,7 +389,7 @@ fn cut(folder: &RunFolder, unit: &Unit, common: Region, size: (u32, u32)) -> Cut
     let cropped = common
         .within(&shown)
         .ok_or_else(|| {
-            format!("the methods' common region is {common}; this prediction covers {shown}")
+            format!("the methods' common region is {common}, but this prediction covers {shown}")
         })
         .and_then(|inside| {
             let picture = kept_picture(folder, &unit).ok_or("the prediction was not kept")?;

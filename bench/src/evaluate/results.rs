@@ -21,7 +21,7 @@ use crate::pairs::{Pair, PairList};
 #[derive(Debug, Clone)]
 pub struct Results {
     pub manifest: Manifest,
-    /// One record per unit, by pair id, then in the order of the methods.
+    /// One record per unit, sorted by pair id, then in the order of the methods.
     pub records: Vec<Record>,
     /// Pair id and method of planned units without a result.
     pub missing: BTreeSet<(String, String)>,
@@ -38,7 +38,7 @@ pub struct PictureFolder {
     pub folder: RunFolder,
     /// Maps labels in the results to labels in this folder.
     pub labels: BTreeMap<String, String>,
-    /// SHA-256 of each kept file, by pair id and the method's label in the folder.
+    /// SHA-256 of each kept file, keyed by pair id and the method's label in the folder.
     pub sha256: BTreeMap<(String, String), String>,
     /// SHA-256 of each kept linear rendering, with the same keys.
     pub float_sha256: BTreeMap<(String, String), String>,
@@ -116,8 +116,9 @@ impl Current {
         match moved.filter(|_| list.sha256 != said.sha256) {
             Some(unit) => {
                 let pair = &unit.slot.pair_id;
-                let what =
-                    format!("pairs.csv has other cameras for pair '{pair}' than the results");
+                let what = format!(
+                    "pairs.csv has cameras for pair '{pair}' that differ from those of the pairs"
+                );
                 Err(changed(folder, &what))
             }
             None => Ok(()),
@@ -191,7 +192,7 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     EvaluateError::NotKept {
         folder: folder.root().to_owned(),
         reason: format!(
-            "{what} that were evaluated according to manifest.json: the file was changed; `run` with the same \
+            "{what} that were evaluated according to manifest.json, so the file was changed; `run` with the same \
              options rewrites it"
         ),
     }
@@ -254,7 +255,7 @@ impl Results {
         })
     }
 
-    /// Gives methods other labels.
+    /// Replaces the labels of methods by those that `renamed` returns.
     pub(super) fn relabel(&mut self, renamed: impl Fn(&str) -> String) {
         for record in &mut self.records {
             record.method = renamed(&record.method);

@@ -60,8 +60,8 @@ impl Evaluation {
         if self.common_region && plan.pairs().len() != pairs.len() {
             return Err(refused(
                 out,
-                "it holds pairs that this run does not; --common-region needs all methods on all pairs: use the same \
-                 pairs, or another folder",
+                "it holds pairs that this run does not, but --common-region needs all methods on all pairs; use either \
+                 the same pairs or another folder",
             ));
         }
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
@@ -110,7 +110,7 @@ impl Evaluation {
         if plan.blocks.len() > 1 {
             return Err(refused(
                 out,
-                "it contains another run: plan into a new folder (`merge` joins folders)",
+                "it contains another run; plan into a new folder (`merge` joins folders)",
             ));
         }
         let estimate = self.estimate(options)?;
@@ -141,7 +141,7 @@ impl Evaluation {
             true => Ok(()),
             false => Err(refused(
                 out,
-                "it was planned with other pairs or methods: use another folder",
+                "it was planned with other pairs or methods; use another folder",
             )),
         }
     }
@@ -171,7 +171,7 @@ impl Evaluation {
     ) -> Result<UnitCounts, EvaluateError> {
         let folder = RunFolder::join(root)?;
         let Some(planned) = folder.manifest()? else {
-            return Err(refused(root, "it has no manifest.json: plan it again"));
+            return Err(refused(root, "it has no manifest.json; plan it again"));
         };
         let plan = folder.plan()?;
         check_rows(&folder, &planned.pairs, &plan, &self.list)?;
@@ -197,7 +197,7 @@ impl Evaluation {
             if readable.count() > pairs.len() {
                 return Err(refused(
                     root,
-                    "its run.toml selects other pairs than its plan lists: one of the two was \
+                    "its run.toml selects pairs that differ from those in its plan, so one of the two was \
                      changed",
                 ));
             }
@@ -228,13 +228,13 @@ impl Evaluation {
         let found = PairList::new(root.join("pairs.csv"), pairs).verify(&self.scenes);
         let different = found.different.first().map(|view| {
             format!(
-                "the photograph {}/{}/{} is not the one it was planned with",
+                "the photograph {}/{}/{} has changed since the plan was made",
                 view.dataset, view.scene, view.view
             )
         });
         let moved = found.moved.first().map(|pair| {
             format!(
-                "the cameras of {} are {} m apart instead of {} m",
+                "the cameras of {} are {} m apart instead of {} m as planned",
                 pair.pair_id, pair.baseline_m[1], pair.baseline_m[0]
             )
         });
@@ -280,7 +280,7 @@ impl Evaluation {
                 others,
                 &self.scenes,
                 &self.methods,
-                "evaluate that method and pair in this command too, or choose another folder",
+                "evaluate that method and pair in this command, too, or choose another folder",
             )?;
             for what in replaced {
                 observer.warn(&format!(

@@ -115,15 +115,15 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
-/// Shares of the memory limit, bytes. The rest is for the metrics' networks, the target, and the picture being
-/// rendered.
+/// Shares of the memory limit for different purposes, bytes. The rest is for the metrics' networks, the target, and the
+/// picture being rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryShares {
-    /// For Gaussians of a source.
+    /// Share for the Gaussians of a source.
     pub(super) gaussians: u64,
-    /// For predicted pictures.
+    /// Share for predicted pictures.
     pictures: u64,
-    /// For working memory of the metrics.
+    /// Share for the working memory of the metrics.
     metrics: u64,
 }
 

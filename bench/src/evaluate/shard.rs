@@ -11,7 +11,7 @@ use crate::pairs::pair_id::source_of;
 /// Units are independent, so a plan can be continued with another number of shares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
-    /// Index, from 1.
+    /// Index of the share, from 1.
     index: usize,
     count: usize,
 }

@@ -170,7 +170,7 @@ fn dataset_name(given: &str, all: &[Results]) -> String {
     found.map_or(given, |dataset| &dataset.name).to_owned()
 }
 
-/// Keeps the items with these names, in this order.
+/// Keeps the items whose names are in `names`, in their order there.
 fn order<T>(items: &mut Vec<T>, names: &[&str], name: impl Fn(&T) -> String) {
     let place = |item: &T| names.iter().position(|listed| *listed == name(item));
     items.retain(|item| place(item).is_some());

@@ -19,7 +19,7 @@ use crate::pairs::PosedCamera;
 use crate::pairs::pair_id::source_of;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// Number of rounds per pair.
+/// Numbers of uncounted and counted rounds of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct SpeedOptions {
     /// Uncounted rounds on the first pair of each method and dataset.
@@ -51,7 +51,7 @@ pub struct Speed {
     pub splats: Vec<Splats>,
     /// Peak resident size of the process during measurement, bytes; `None` if the system does not report it.
     pub peak_bytes: Option<u64>,
-    /// `pair: reason` of pairs that could not be measured.
+    /// One line, `pair: reason`, for each pair that could not be measured.
     pub failures: Vec<String>,
 }
 

@@ -123,7 +123,7 @@ impl Unit {
         self
     }
 
-    /// Whether the checksum holds.
+    /// Whether the checksum matches the other fields.
     pub fn is_whole(&self) -> bool {
         self.checksum == self.computed_checksum()
     }

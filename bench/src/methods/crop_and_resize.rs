@@ -199,8 +199,8 @@ impl FitRules {
         }
         if (w, h) == (to_h, to_w) {
             return Err(format!(
-                "the picture is {w}x{h}, but {what} is {to_w}x{to_h}: was it turned by 90 degrees, or made with width and \
-                 height exchanged?"
+                "the picture is {w}x{h}, but {what} is {to_w}x{to_h}; perhaps it was turned by 90 degrees, or made with \
+                 width and height exchanged"
             ));
         }
         // The aspect ratios count as equal if they differ only because the smaller size is rounded to whole pixels.
@@ -213,7 +213,7 @@ impl FitRules {
         let is_off = |exact: f64, side: u32| (exact - f64::from(side)).abs() >= 1.0;
         if is_off(height, small_h) && is_off(width, small_w) {
             return Err(format!(
-                "the picture is {w}x{h}, but {what} is {to_w}x{to_h}, with another aspect ratio: set the part of the \
+                "the picture is {w}x{h}, but {what} is {to_w}x{to_h}, with another aspect ratio; set the part of the \
                  target that it shows (crop=center, crop=x:y:w:h or crop=sidecar)"
             ));
         }
@@ -237,7 +237,7 @@ pub(crate) fn needs_kernel(
     let kernels = kernels.filter(|kernel| reduces || **kernel != ResizeKernel::Area);
     let names: Vec<&str> = kernels.map(|kernel| kernel.name()).collect();
     format!(
-        "the picture is {w}x{h}, but {what} is {to_w}x{to_h}: set a kernel to resize it ({option}{})",
+        "the picture is {w}x{h}, but {what} is {to_w}x{to_h}; set a kernel to resize it ({option}{})",
         names.join("|")
     )
 }

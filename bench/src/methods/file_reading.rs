@@ -76,7 +76,7 @@ impl Axes {
         }
     }
 
-    /// All 48 systems of axes.
+    /// All 48 possible systems of axes.
     pub fn every() -> impl Iterator<Item = Self> {
         let letters = || *b"rldufb";
         let all = letters()

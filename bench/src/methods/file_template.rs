@@ -33,7 +33,7 @@ impl FileTemplate {
         }
     }
 
-    /// Whether the template contains any of these placeholders.
+    /// Whether the template contains the placeholder of any of `names`.
     pub(super) fn names(&self, names: &[&str]) -> bool {
         let is_there = |name: &&str| self.0.contains(&format!("{{{name}}}"));
         names.iter().any(is_there)

@@ -25,7 +25,7 @@ use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::{path_of, source_of};
 use crate::rendering::pose_alignment;
 
-/// Principal points that differ by less count as equal, pixels.
+/// Principal points count as equal if they differ by at most this along both axes, pixels.
 const MIN_SHIFT: f64 = 0.75;
 
 /// Extras that count Gaussians dropped by the renderer, and the reasons as text.
@@ -56,7 +56,7 @@ pub struct GaussianFiles {
     /// The views that the method was trained on, if given by `train=`.
     train: Option<TrainingViews>,
     several_views: bool,
-    /// The settings as given.
+    /// The settings for reading files, as given.
     reading: FileReading,
     /// Template for the paths of the scenes' transform files, if each scene has its own.
     transform: Option<FileTemplate>,
@@ -158,7 +158,7 @@ impl GaussianFiles {
             });
             let reason = match other.into_iter().next() {
                 None => looked,
-                Some((format, name)) => format!("{looked}, but {name} exists: {format}"),
+                Some((format, name)) => format!("{looked}, but {name} exists ({format})"),
             };
             MethodError::file(&self.dir.join(id), reason)
         })
@@ -175,8 +175,8 @@ fn size(path: &Path) -> u64 {
     inside.unwrap_or_else(|_| of_file(path))
 }
 
-/// A warning if a file was made for another principal point than the dataset's. SHARP assumes the centre of the
-/// photograph.
+/// A warning if the principal point for which a file was made differs from the dataset's. SHARP assumes the centre of
+/// the photograph.
 fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String> {
     let is_same_size = (stored.width, stored.height) == (own.width, own.height);
     let by = [stored.cx - own.cx, stored.cy - own.cy].map(|by| (by * 1000.0).round() / 1000.0);
@@ -184,7 +184,7 @@ fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String
     (is_same_size && by.iter().any(|by| by.abs() > MIN_SHIFT)).then(|| {
         format!(
             "it was predicted with the principal point ({:.1}, {:.1}), but the dataset's is \
-             ({:.1}, {:.1}): `shift={x}:{y}` corrects this",
+             ({:.1}, {:.1}); `shift={x}:{y}` corrects this",
             stored.cx, stored.cy, own.cx, own.cy
         )
     })
@@ -201,7 +201,7 @@ fn holds_files_of_scenes(dir: &Path) -> bool {
     })
 }
 
-/// Files and folders with this stem and any extension, sorted.
+/// Files and folders next to `stem` that have its name, with any extension, sorted.
 fn beside(stem: &Path) -> Vec<PathBuf> {
     let (Some(folder), Some(name)) = (stem.parent(), stem.file_name()) else {
         return Vec::new();

@@ -94,7 +94,7 @@ impl Imported {
                 let other = second.file_name().unwrap_or_default().to_string_lossy();
                 Err(MethodError::file(
                     first,
-                    format!("ambiguous, because {other} exists too"),
+                    format!("ambiguous, because {other} exists, too"),
                 ))
             }
         }

@@ -75,11 +75,11 @@ pub const KINDS: [MethodKind; 8] = [
         settings: &[
             (
                 "checkpoint=FILE",
-                "weights, or mini for the small network that comes with the program; by default the release's",
+                "weights, or mini for the small network that comes with the program; by default those of SHARP's release",
             ),
             (
                 "config=FILE#NAME",
-                "architecture of the checkpoint; by default a fitting .json next to it, or the release's",
+                "architecture of the checkpoint; by default a fitting .json next to it, or that of SHARP's release",
             ),
             (
                 "depth=none|privileged",
@@ -127,21 +127,24 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "opacity=linear|byte|log",
-                "stored opacities, if not as in a PLY (logit)",
+                "form of the stored opacities (default: logit, as in a PLY)",
             ),
             (
                 "scales=linear|log-variance|log10",
-                "stored scales, if not as in a PLY (log)",
+                "form of the stored scales (default: log, as in a PLY)",
             ),
             (
                 "quaternions=xyzw|wxyz-inverse|xyzw-inverse",
-                "stored quaternions, if not wxyz",
+                "form of the stored quaternions (default: wxyz)",
             ),
             (
                 "colors=rgb01|rgb255|rgb-signed|logit|dc-uncentered",
-                "stored colours, if not as in a PLY (dc)",
+                "form of the stored colours (default: dc, as in a PLY)",
             ),
-            ("channels=bgr", "order of the colour channels, if not rgb"),
+            (
+                "channels=bgr",
+                "order of the colour channels (default: rgb)",
+            ),
             (
                 "harmonics=drop|interleaved",
                 "view-dependent colour: draw only the constant term, or read interleaved coefficients",
@@ -152,11 +155,11 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "space=world|target|normalized",
-                "space of the positions, if not the source camera's",
+                "space of the positions (default: the source camera's)",
             ),
             (
                 "axes=rub|luf|…",
-                "directions of x, y and z, if not rdf (right, down, forward)",
+                "directions of x, y and z (default: rdf, which is right, down, forward)",
             ),
             ("scale=S", "unit of the file in metres"),
             (
@@ -313,7 +316,9 @@ fn swept<M: PredictAtScale + 'static>(
             Box::new(ScaleSweep::from_spec(spec, method, Arc::clone(chooser))?)
         }
         (Some(_), None) => {
-            return Err(spec.error("several scales: --scale-sweep scores the best of them"));
+            return Err(
+                spec.error("several scales need --scale-sweep, which scores the best of them")
+            );
         }
     })
 }

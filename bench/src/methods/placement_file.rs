@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::Deserialize;
 
-/// Relative tolerance for columns to count as equally long and orthogonal.
+/// Columns count as equally long and orthogonal if they are off by at most this, relative to their squared length.
 const SIMILARITY: f64 = 1e-3;
 
 #[derive(Deserialize)]
@@ -34,7 +34,7 @@ pub(super) fn read(path: &Path) -> Result<DAffine3, String> {
     };
     let (Some([x, y, z]), None | Some([0.0, 0.0, 0.0, 1.0])) = (rows.first_chunk(), rows.get(3))
     else {
-        return Err("expected three rows, or four, the last of which is 0 0 0 1".to_owned());
+        return Err("expected either three rows, or four rows with 0 0 0 1 as the last".to_owned());
     };
     let linear =
         DMat3::from_cols_array_2d(&[x, y, z].map(|row| [row[0], row[1], row[2]])).transpose();
@@ -55,10 +55,10 @@ pub(super) fn check(map: &DAffine3) -> Result<(), String> {
     let [x, y, z] = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
     let determinant = map.matrix3.determinant();
     if !(map.is_finite() && determinant != 0.0) {
-        return Err("the map is not invertible".to_owned());
+        return Err("the transform is not invertible".to_owned());
     }
     if determinant < 0.0 {
-        return Err("the map mirrors the scene (its determinant is negative)".to_owned());
+        return Err("the transform mirrors the scene (its determinant is negative)".to_owned());
     }
     let size = x.length_squared();
     let is_off = |value: f64| value.abs() > SIMILARITY * size;
@@ -66,7 +66,10 @@ pub(super) fn check(map: &DAffine3) -> Result<(), String> {
         .into_iter()
         .any(|axis| is_off(axis.length_squared() - size));
     if unequal || [x.dot(y), y.dot(z), z.dot(x)].into_iter().any(is_off) {
-        return Err("the map is not a rotation with a single scale".to_owned());
+        return Err(
+            "the transform must consist of a rotation, a uniform scale and a translation"
+                .to_owned(),
+        );
     }
     Ok(())
 }
@@ -102,7 +105,7 @@ mod tests {
             ("[[1,0,0,0],[0,1,0,0],[0,0,-1,0],[0,0,0,1]]", "mirrors"),
             (
                 "[[1,1,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]",
-                "a single scale",
+                "a uniform scale",
             ),
             ("[[1,0,0,0],[0,1,0,0],[0,0,0,0],[0,0,0,1]]", "invertible"),
             ("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,1,1]]", "0 0 0 1"),

@@ -25,7 +25,7 @@ pub(super) trait PredictAtScale: Method {
         target: &TargetCamera,
     ) -> Result<PicturePrediction, MethodError>;
 
-    /// [`Method::input_files`] at a scale.
+    /// Like [`Method::input_files`], for one scale.
     fn input_files_at(&self, _scale: &Scale, pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         self.input_files(pair_id)
     }

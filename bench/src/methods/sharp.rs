@@ -27,7 +27,7 @@ pub struct Sharp {
     network: NetworkSpec,
     identity: NetworkIdentity,
     depth: TrueDepth,
-    /// Hashed while the network runs.
+    /// The checkpoint file, hashed while the network runs.
     checkpoint: HashedFile,
     predictor: OnceLock<Result<Predictor, String>>,
 }

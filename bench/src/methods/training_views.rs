@@ -35,7 +35,7 @@ impl TrainingViews {
             names.flatten().map(name_matcher).collect();
         let patterns = patterns.map_err(|error| format!("train={text}: {error}"))?;
         match patterns.is_empty() {
-            true => Err(format!("train={text}: it lists no view")),
+            true => Err(format!("train={text} lists no view")),
             false => Ok(Self {
                 patterns,
                 sha256: sha256_hex(list.as_bytes()),

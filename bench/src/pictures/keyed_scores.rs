@@ -9,12 +9,12 @@ use crate::evaluate::results::number;
 /// Each metric's score, or the reason why it is missing.
 pub type KeyedScores = Vec<(MetricKey, Result<f64, String>)>;
 
-/// The number, or `"inf"`, `"-inf"` or `"nan"` for values that JSON cannot represent.
+/// A JSON number, or `"inf"`, `"-inf"` or `"nan"` for values that JSON cannot represent.
 pub fn json_number(value: f64) -> Value {
     finite_or_text::text(value).map_or_else(|| json!(value), |text| json!(text))
 }
 
-/// Scores by key, and reasons for missing scores by key.
+/// Scores, keyed by metric, and the reasons for missing scores, keyed in the same way.
 pub fn json_scores(scores: &KeyedScores) -> [Map<String, Value>; 2] {
     let (mut values, mut unavailable) = (Map::new(), Map::new());
     for (key, score) in scores {

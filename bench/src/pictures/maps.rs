@@ -62,7 +62,7 @@ fn round_up(value: f64) -> f64 {
 pub struct LocalMap {
     /// The metric's key, or `difference`.
     pub key: String,
-    /// Part of the file name.
+    /// Part of the file name that stands for the metric.
     pub alias: String,
     /// One value per pixel of the picture.
     pub values: Values,
@@ -124,9 +124,9 @@ impl LocalMap {
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MapFiles {
-    /// False-colour picture.
+    /// Path of the false-colour picture.
     pub png: PathBuf,
-    /// The values, one f32 channel `Y` at the picture's size; NaN where the metric has none.
+    /// Path of the file with the values, one f32 channel `Y` at the picture's size; NaN where the metric has none.
     pub exr: PathBuf,
 }
 

@@ -19,12 +19,14 @@ use crate::pairs::depth::median_depth_m;
 
 /// Width of the last and largest picture, pixels, unless the target is narrower. Each earlier picture is half as wide.
 const WIDEST: u32 = 640;
-/// Minimum picture width, pixels.
+/// Pictures narrower than this are not used, pixels.
 const NARROWEST: u32 = 60;
 /// Minimum low-pass for all pictures but the last, px². It makes it unlikely that Gaussians are smaller than a pixel.
 const LOW_PASS: f32 = 0.3;
-/// Search for the initial shift: maximum width of the picture, pixels, and maximum shift as a share of the width.
-const SHIFT: (u32, f64) = (160, 0.1);
+/// The initial shift is searched in the largest picture up to this width, pixels.
+const SHIFT_WIDTH: u32 = 160;
+/// Maximum initial shift, as a share of the width.
+const MAX_SHIFT: f64 = 0.1;
 /// Maximum number of steps per width and reach.
 const STEPS: usize = 20;
 /// Half the distance between the two renderings of a central difference, pixels.
@@ -33,8 +35,10 @@ const REACH: f64 = 0.5;
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
 /// Iteration at a width ends after a step smaller than this, pixels.
 const LAST_STEP: f64 = 0.01;
-/// Initial damping, and maximum damping that is tried.
-const DAMPING: [f64; 2] = [1e-3, 1e3];
+/// Damping of the first step.
+const INITIAL_DAMPING: f64 = 1e-3;
+/// Maximum damping that is tried.
+const MAX_DAMPING: f64 = 1e3;
 
 /// Describes the procedure, for identities. The procedure is defined by this file, whose hash is part of each method's
 /// code.
@@ -74,7 +78,7 @@ struct Level<'a> {
 /// `intrinsics`. The camera stays in place if nothing is drawn.
 ///
 /// # Errors
-/// See [`RenderError`].
+/// If rendering fails.
 pub fn fit_camera(
     renderer: &SharedRenderer,
     scene: &Gaussians,
@@ -98,7 +102,7 @@ pub fn fit_camera(
     let mut map = DAffine3::IDENTITY;
     let mut steps = 0;
     renderer.with_loaded(scene, |loaded| {
-        if let Some(width) = widths.iter().find(|width| **width <= SHIFT.0) {
+        if let Some(width) = widths.iter().find(|width| **width <= SHIFT_WIDTH) {
             let level = level(*width);
             map = level.shifted(&level.render(loaded, map)?);
         }
@@ -143,7 +147,7 @@ impl Level<'_> {
     fn shifted(&self, output: &RenderOutput) -> DAffine3 {
         let shown = self.shown(output);
         let (width, height) = (shown.width() as i32, shown.height() as i32);
-        let reach = (SHIFT.1 * f64::from(width)).ceil() as i32;
+        let reach = (MAX_SHIFT * f64::from(width)).ceil() as i32;
         let error = |[dx, dy]: [i32; 2]| {
             let (mut sum, mut count) = (0.0, 0);
             for y in dy.max(0)..(height + dy).min(height) {
@@ -194,7 +198,7 @@ impl Level<'_> {
         map: &mut DAffine3,
         reach: f64,
     ) -> Result<usize, RenderError> {
-        let mut damping = DAMPING[0];
+        let mut damping = INITIAL_DAMPING;
         let mut steps = 0;
         let mut output = self.render(loaded, *map)?;
         while steps < STEPS {
@@ -233,7 +237,7 @@ impl Level<'_> {
                 } else {
                     damping *= 10.0;
                 }
-                if is_better || damping > DAMPING[1] || largest < LAST_STEP {
+                if is_better || damping > MAX_DAMPING || largest < LAST_STEP {
                     break (is_better.then_some(tried), next, largest);
                 }
             };

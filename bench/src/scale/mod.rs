@@ -51,7 +51,7 @@ pub enum ScaleError {
 /// Identifies a file as written by this program; among the first lines of the file.
 const MARK: &str = "sharp-bench scale";
 
-/// Template values by name.
+/// Values for a template, with the names of their placeholders.
 type Values = Vec<(&'static str, String)>;
 
 /// Fills a template in one pass, so that placeholders in values are not expanded.

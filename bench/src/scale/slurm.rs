@@ -13,7 +13,8 @@ pub struct Slurm {
     pub binary: PathBuf,
     /// Whether pictures and scores run as separate arrays instead of one.
     pub stages_apart: bool,
-    /// sbatch options as (job, option). The job is pictures, score, all or merge, or `every` for each of them.
+    /// Options of `sbatch` as pairs (job, option). The job is pictures, score, all or merge, or `every` for each of
+    /// them.
     pub options: Vec<(String, String)>,
     pub out: PathBuf,
 }

@@ -26,7 +26,7 @@ pub(crate) struct PairMasks {
     pub(crate) border: Border,
 }
 
-/// Mask of the pixels that are 255; `None` if all are.
+/// Mask of the pixels that are 255 in `valid`; `None` if all are.
 pub(crate) fn valid_mask(valid: &GrayImage) -> Option<Mask> {
     let excludes = valid.iter().any(|level| *level < 255);
     let inside = valid.iter().map(|level| *level == 255).collect();

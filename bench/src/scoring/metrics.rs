@@ -40,7 +40,7 @@ impl Scoring {
         Self::with_options(selection, weights, ScorerOptions::default())
     }
 
-    /// As [`new`](Self::new), with options for the scorer.
+    /// Like [`new`](Self::new), with options for the scorer.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -104,7 +104,7 @@ impl Scoring {
         }
     }
 
-    /// Whether any metric is restricted to this region.
+    /// Whether any metric is restricted to `region`.
     pub fn needs(&self, region: MetricRegion) -> bool {
         self.metrics
             .iter()

@@ -25,7 +25,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// The whole of a picture of this size.
+    /// The whole of a picture of the given width and height.
     pub fn whole((width, height): (u32, u32)) -> Self {
         Self {
             x: 0,
@@ -65,7 +65,7 @@ impl Region {
         self.width as usize * self.height as usize
     }
 
-    /// Whether the region is not empty and lies inside a picture of this size.
+    /// Whether the region is not empty and lies inside a picture of the given width and height.
     pub fn fits(&self, (width, height): (u32, u32)) -> bool {
         let inside = |start: u32, length: u32, side: u32| {
             length > 0 && start.checked_add(length).is_some_and(|end| end <= side)

@@ -44,7 +44,7 @@ pub enum Border {
 }
 
 impl Border {
-    /// The compared part of a picture of this size.
+    /// The compared part of a picture of the given width and height.
     pub fn kept(self, (width, height): (u32, u32)) -> Region {
         let cut = |side: u32| {
             let start = side.div_ceil(20);

@@ -1,5 +1,7 @@
 //! Sentences about a better-fitting interpretation, with the setting that selects it.
 
+use std::ops::RangeInclusive;
+
 use glam::DVec2;
 
 use super::change::{Change, Focal, Moves};
@@ -8,7 +10,7 @@ use super::small_view::Part;
 use crate::{DatasetSpec, View};
 
 /// Plausible range of scene depths, in metres.
-pub(super) const DEPTHS_M: (f64, f64) = (0.05, 2000.0);
+pub(super) const DEPTHS_M: RangeInclusive<f64> = 0.05..=2000.0;
 
 /// Facts about a dataset that advice depends on: its settings for units, whether it has a setting
 /// for masks, and how it stores poses.
@@ -38,14 +40,17 @@ impl Units {
         }
     }
 
-    /// Another possible cause, to append to a contradiction: inverted masks, given the fraction of pixels they exclude.
+    /// Text to append to a contradiction, with inverted masks as another possible cause. `excluded` is the fraction of
+    /// pixels that the masks exclude.
     pub(super) fn inverted_masks(self, excluded: f64) -> String {
         let setting = match self.has_mask_sides {
             true => " (masks=keep-black keeps black pixels, masks=keep-white white ones)",
             false => "",
         };
         let percent = 100.0 * excluded;
-        format!("; or the masks are inverted: they exclude {percent:.0} % of the pixels{setting}")
+        format!(
+            "; or perhaps the masks are inverted, because they exclude {percent:.0} % of the pixels{setting}"
+        )
     }
 
     /// Metres per unit of the poses.
@@ -58,7 +63,7 @@ impl Units {
         self.depth_unit.unwrap_or(1.0)
     }
 
-    /// Advice that names the settings of the units of depth and poses, or questions the unit if there are none.
+    /// Advice that names the settings for the units of depth and poses, or a question about the unit if there are none.
     pub(super) fn where_to_set(self) -> &'static str {
         match (self.scale, self.depth_unit) {
             (Some(_), Some(_)) => "set depth-unit=, and scale= for the poses",
@@ -69,7 +74,7 @@ impl Units {
     }
 }
 
-/// A sentence on an interpretation that fits better than the dataset reader's own.
+/// A sentence on a `change` to the dataset reader's interpretation that fits better, with the `evidence`.
 pub(super) fn sentence(
     change: &Change,
     evidence: &str,
@@ -83,20 +88,20 @@ pub(super) fn sentence(
     match change {
         Change::Scale(scale) => {
             let (fits, or) = scaled(*scale, units, median_m);
-            format!("{fits} fits: {evidence}{or}")
+            format!("{fits} fits better ({evidence}){or}")
         }
         Change::Inverse(scale) => {
             let fits = match units.depth_unit {
                 Some(unit) => {
                     let unit = number(unit * scale);
-                    format!("depth-kind=inverse,depth-unit={unit} fits")
+                    format!("depth-kind=inverse,depth-unit={unit} fits better")
                 }
                 None => "the stored depth is the reciprocal of depth".to_owned(),
             };
-            format!("{fits}: {evidence}")
+            format!("{fits} ({evidence})")
         }
         Change::Buffer(near) => format!(
-            "the stored depth is that of a z-buffer, with a near plane at about {} m: {evidence}; convert it to metres: z = \
+            "the stored depth is that of a z-buffer with its near plane at about {} m ({evidence}); convert it to metres: z = \
              near · far / (far − value · (far − near)) for values from 0 to 1",
             number(*near)
         ),
@@ -106,23 +111,23 @@ pub(super) fn sentence(
                 number(units.pose_unit_m() * by / scale),
             );
             format!(
-                "depth times about {factor} plus about {offset} m fits, so it was probably normalised between a near and a far \
-                 distance: {evidence}; convert the depth maps to metres"
+                "depth was probably normalised between a near and a far distance, because depth times about {factor} plus \
+                 about {offset} m fits better ({evidence}); convert the depth maps to metres"
             )
         }
         Change::RayLength => {
             let fits = match units.depth_unit {
-                Some(_) => "depth-kind=ray fits",
+                Some(_) => "depth-kind=ray fits better",
                 None => "the stored depth is the length of rays, not z",
             };
-            format!("{fits}: {evidence}")
+            format!("{fits} ({evidence})")
         }
         Change::NoRayLength => {
             let fits = match units.depth_unit {
-                Some(_) => "depth-kind=z fits",
-                None => "the stored depth is z already, not the length of rays",
+                Some(_) => "depth-kind=z fits better",
+                None => "the stored depth is already z, not the length of rays",
             };
-            format!("{fits}: {evidence}")
+            format!("{fits} ({evidence})")
         }
         Change::Focal(which, factor) => {
             let (what, read) = match which {
@@ -132,7 +137,7 @@ pub(super) fn sentence(
             };
             let (one, other) = (number(read * factor), number(read));
             format!(
-                "{what} should be {} times as long ({one} instead of {other} pixels): {evidence}; correct the \
+                "{what} should be {} times as long, {one} instead of {other} pixels ({evidence}); correct it in the \
                  cameras' file",
                 number(*factor)
             )
@@ -140,8 +145,8 @@ pub(super) fn sentence(
         Change::CentreExchanged => {
             let (cx, cy) = (number(first.cx), number(first.cy));
             format!(
-                "cx and cy appear to be exchanged ({cy}, {cx} instead of {cx}, {cy}): {evidence}; correct the \
-                 cameras' file"
+                "cx and cy appear to be exchanged, because cx = {cy} and cy = {cx} fit better ({evidence}); exchange them \
+                 in the cameras' file"
             )
         }
         Change::CentreOff(off) => {
@@ -149,29 +154,37 @@ pub(super) fn sentence(
             let [x, y] = [first.cx + off.x, first.cy + off.y].map(number);
             let (cx, cy) = (number(first.cx), number(first.cy));
             format!(
-                "a principal point of about ({x}, {y}) instead of ({cx}, {cy}) fits: {evidence}; correct the cameras' file"
+                "cx and cy should be about {x} and {y} instead of {cx} and {cy} ({evidence}); correct them in the \
+                 cameras' file"
             )
         }
         Change::Short(by) => {
-            let (by, what) = (number(by.abs()), if *by < 0.0 { "less" } else { "more" });
-            format!("depth should be {by} m {what}: {evidence}; correct the depth maps")
+            let (metres, than_stored) = (
+                number(by.abs()),
+                if *by < 0.0 { "smaller" } else { "larger" },
+            );
+            format!(
+                "depths should be {metres} m {than_stored} ({evidence}); correct the depth maps"
+            )
         }
         Change::Convention(name) => {
-            format!("the pose convention looks wrong: with {name}: {evidence}")
+            format!(
+                "the pose convention looks wrong; the poses fit better if read with {name} ({evidence})"
+            )
         }
         Change::Views(sentence) => sentence.clone(),
-        Change::Unlisted => format!("pictures and poses contradict each other: {evidence}"),
-        Change::Cameras(how) => format!("{how}: {evidence}; correct the cameras' file"),
+        Change::Unlisted => format!("pictures and poses contradict each other ({evidence})"),
+        Change::Cameras(how) => format!("{how} ({evidence}); correct the cameras' file"),
         Change::Bent(by) => {
             let is_undone = |view: &View| view.content.processing().undistorted.is_some();
             match views.iter().any(is_undone) {
                 true => format!(
-                    "the distortion of the cameras' file does not fit the pictures; were they undistorted already? {evidence} \
-                     with k1 changed by about {}; correct the coefficients, or remove them",
+                    "the distortion in the cameras' file does not fit the pictures, which fit better with k1 changed by \
+                     about {} ({evidence}); correct the coefficients, or remove them if the pictures were undistorted already",
                     number(-by)
                 ),
                 false => format!(
-                    "lens distortion was left in, k1 about {}: {evidence}; undistort the pictures, or put the \
+                    "lens distortion was left in, with a k1 of about {} ({evidence}); undistort the pictures, or put the \
                      coefficients into the cameras' file",
                     number(-by)
                 ),
@@ -194,13 +207,13 @@ pub(super) fn sentence(
                 how.join(" and ")
             )
         }
-        Change::Turned(setting) => format!("{setting} fits: {evidence}"),
+        Change::Turned(setting) => format!("{setting} fits better ({evidence})"),
         Change::Flipped(part, how) => {
             let what = match part {
                 Part::Picture => "pictures",
                 Part::Depth => "depth maps",
             };
-            format!("the {what} are {how}: {evidence}")
+            format!("the {what} are {how} ({evidence})")
         }
         Change::Order(how, moves) => {
             let (what, correct) = match moves {
@@ -208,14 +221,14 @@ pub(super) fn sentence(
                 _ => ("poses", "the list of poses"),
             };
             format!(
-                "pictures and {what} are assigned incorrectly: {how}: {evidence}; correct {correct}"
+                "pictures and {what} are assigned incorrectly: {how} ({evidence}); correct {correct}"
             )
         }
     }
 }
 
-/// Returns the setting that brings poses and depth to the same unit, and, after a semicolon, an
-/// alternative if there is one. If depth is implausible as read, the setting is that of depth,
+/// Returns the setting that brings poses and depth to the same unit, and what to append about an
+/// alternative, if there is one. If depth is implausible as read, the setting is that of depth,
 /// without an alternative. Otherwise it is that of the poses, with that of depth as the alternative
 /// unless depth would become implausible.
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
@@ -231,14 +244,14 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     let depth = units
         .depth_unit
         .map(|unit| format!("depth-unit={}", number(unit / scale)));
-    let is_plausible = |depth: f64| (DEPTHS_M.0..=DEPTHS_M.1).contains(&depth);
+    let is_plausible = |depth: f64| DEPTHS_M.contains(&depth);
     let depth = depth.filter(|_| is_plausible(median_m / scale));
     let alone = |fits: String| (fits, String::new());
     match (poses, depth) {
         (_, Some(depth)) if !is_plausible(median_m) => alone(depth),
         (Some(poses), Some(depth)) => (
             poses,
-            format!("; or {depth}, if the poses are in metres and the depth is not"),
+            format!(", or {depth} if the poses are in metres and the depth is not"),
         ),
         (Some(poses), None) => alone(poses),
         (None, Some(depth)) => alone(depth),
@@ -249,7 +262,7 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     }
 }
 
-/// The numbers that show how much better another interpretation fits neighbouring views.
+/// Text with the numbers that show how much better another interpretation fits neighbouring views.
 pub(super) fn evidence(as_read: &Explained, other: &Explained) -> String {
     let mut parts = Vec::new();
     let [after, before] = [other, as_read].map(|read| format!("{:.1}", 100.0 * read.agreement()));
@@ -267,7 +280,7 @@ pub(super) fn evidence(as_read: &Explained, other: &Explained) -> String {
     parts.join(", ")
 }
 
-/// At most four digits, without trailing zeros.
+/// Formats a number with at most four digits, without trailing zeros.
 pub(super) fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();

@@ -5,23 +5,24 @@ use super::small_view::{Grey, Sample};
 /// Radius of the compared blocks, in reduced pixels.
 const RADIUS: u32 = 3;
 /// Maximum number of blocks examined; only those with enough contrast are compared.
-const BLOCKS: usize = 1500;
-/// Minimum standard deviation of a block, in levels.
+const MAX_BLOCKS: usize = 1500;
+/// Blocks are compared only if their standard deviation is at least this, in levels.
 const MIN_CONTRAST: f32 = 8.0;
-/// Maximum distance of the best match from its disparity, in reduced pixels.
-const NEAR: f64 = 1.0;
-/// Minimum number of blocks to judge a pair.
-const FEWEST: usize = 200;
-/// Minimum fraction of blocks that match best near their disparity. In consistent pairs it is 0.4 to 0.9, also with
-/// different exposures; with another scene's disparities it is below 0.2.
+/// Up to this distance from the disparity, in reduced pixels, a best match counts as being at the disparity.
+const MAX_OFF: f64 = 1.0;
+/// A pair is judged only if at least this many blocks were compared.
+const MIN_BLOCKS: usize = 200;
+/// A pair is reported if less than this fraction of its blocks match best at their disparity. In consistent pairs it is
+/// 0.4 to 0.9, also with different exposures; with another scene's disparities it is below 0.2.
 const MIN_NEAR: f64 = 0.3;
-/// Minimum median correlation of the best matches of two pictures of one scene.
+/// From this median correlation of the best matches on, two pictures count as showing one scene.
 const MIN_RELATED: f32 = 0.8;
-/// Minimum of the same fraction for pictures below [`MIN_RELATED`]; blocks of unrelated pictures
+/// [`MIN_NEAR`] for pictures below [`MIN_RELATED`]; blocks of unrelated pictures
 /// match equally well anywhere.
 const MIN_NEAR_OF_UNRELATED: f64 = 0.12;
 
-/// Differences of a block's levels from their mean, and their Euclidean norm. `None` outside the picture or under a mask.
+/// Differences of a block's levels from their mean, and their Euclidean norm. `None` outside the picture or under a
+/// mask.
 fn block(picture: &Grey, x: i64, y: i64) -> Option<(Vec<f32>, f32)> {
     let (width, height) = picture.size();
     let fits = |at: i64, side: u32| at >= i64::from(RADIUS) && at + i64::from(RADIUS) < side.into();
@@ -38,7 +39,7 @@ fn block(picture: &Grey, x: i64, y: i64) -> Option<(Vec<f32>, f32)> {
     length.is_finite().then_some((levels, length))
 }
 
-/// Reports a contradiction if the pictures do not match where the disparities lead. `samples` hold disparities in place
+/// Reports a contradiction if the pictures do not match at the disparities. `samples` hold disparities in place
 /// of depth.
 pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<String> {
     let mut disparities: Vec<f64> = samples.iter().map(|sample| sample.depth).collect();
@@ -48,7 +49,7 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
     let (low, high) = (low?.floor() as i64 - 8, high?.ceil() as i64 + 8);
     let (low, high) = (low.max(-width), high.min(width));
     let (mut near, mut best) = (0, Vec::new());
-    for sample in samples.iter().step_by(samples.len().div_ceil(BLOCKS)) {
+    for sample in samples.iter().step_by(samples.len().div_ceil(MAX_BLOCKS)) {
         let (x, y) = (i64::from(sample.x), i64::from(sample.y));
         let Some((own, length)) = block(left, x, y) else {
             continue;
@@ -64,7 +65,7 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
             Some((product / (length * size.max(1e-3)), d))
         });
         if let Some((related, d)) = matches.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            near += usize::from((d as f64 - sample.depth).abs() <= NEAR);
+            near += usize::from((d as f64 - sample.depth).abs() <= MAX_OFF);
             best.push(related);
         }
     }
@@ -74,19 +75,19 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
     let (least, what, cause) = match is_pair {
         true => (
             MIN_NEAR,
-            "the pictures match each other, but not where the disparities lead",
-            "does the disparity map belong to another scene or to other pictures?",
+            "the pictures match each other, but not at the disparities",
+            "perhaps the disparity map belongs to another scene or to other pictures",
         ),
         false => (
             MIN_NEAR_OF_UNRELATED,
             "the pictures do not seem to show the same scene",
-            "is the right picture from another pair?",
+            "perhaps the right picture is from another pair",
         ),
     };
-    (best.len() >= FEWEST && share < least).then(|| {
+    (best.len() >= MIN_BLOCKS && share < least).then(|| {
         format!(
-            "{what}: {:.0} % of {} blocks match best at their disparity (40 % or more is usual); {cause} Replace it with \
-             this pair's own",
+            "{what}: only {:.0} % of {} blocks match best at their disparity (40 % or more is usual); {cause}; if so, \
+             replace it with this pair's own",
             100.0 * share,
             best.len()
         )

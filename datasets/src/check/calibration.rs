@@ -6,23 +6,25 @@ use super::advice::number;
 use crate::format::{calib, picture};
 use crate::{Pairing, Scene, View, files};
 
-/// Maximum fraction of disparities outside the range that the calibration states.
+/// A calibration is reported if more than this fraction of the disparities lie outside the range that it states.
 const MAX_OUTSIDE: f64 = 0.1;
-/// Tolerance of that range, in pixels and as a fraction of the range.
-const TOLERANCE: (f64, f64) = (1.0, 0.02);
+/// Tolerance by which that range is widened on both sides, in pixels.
+const TOLERANCE_PX: f64 = 1.0;
+/// Additional tolerance, as a fraction of the range.
+const TOLERANCE_SHARE: f64 = 0.02;
 
-/// A contradiction between disparities, in pixels, and the range that Middlebury's `calib.txt` states.
+/// Reports `disparities` (in pixels) that contradict the range that Middlebury's `calib.txt` states.
 pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
     let file = left.camera_file("calib.txt")?;
     let (low, high) = files::parse_text(&file, calib::parse).ok()?.disparities?;
-    let tolerance = TOLERANCE.0 + TOLERANCE.1 * (high - low);
+    let tolerance = TOLERANCE_PX + TOLERANCE_SHARE * (high - low);
     let stated = low - tolerance..=high + tolerance;
     let outside = disparities.iter().filter(|d| !stated.contains(*d)).count();
     let share = outside as f64 / disparities.len().max(1) as f64;
     (share > MAX_OUTSIDE).then(|| {
         format!(
-            "{:.0} % of the disparities lie outside the range from {} to {} pixels that {} states; is it the \
-             calibration of another scene or picture size? Replace it with this scene's own",
+            "{:.0} % of the disparities lie outside the range from {} to {} pixels that {} states; perhaps it is the \
+             calibration of another scene or picture size; if so, replace it with this scene's own",
             100.0 * share,
             number(low),
             number(high),
@@ -54,8 +56,8 @@ pub fn copied_calibrations(scenes: &[Scene]) -> Vec<(usize, String)> {
         for (i, (w, h)) in &sized {
             if let Some((other, (v, u))) = sized.iter().find(|(_, size)| *size != (*w, *h)) {
                 let text = format!(
-                    "the cameras are the same as those of {}, whose pictures are {v}x{u} instead of {w}x{h}; was the \
-                     calibration copied from another scene? Replace it with this scene's own",
+                    "the cameras are the same as those of {}, whose pictures are {v}x{u} instead of {w}x{h}; perhaps the \
+                     calibration was copied from another scene; if so, replace it with this scene's own",
                     scenes[*other].id
                 );
                 found.push((*i, text));

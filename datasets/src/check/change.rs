@@ -3,7 +3,8 @@
 use glam::DVec2;
 
 use super::compare::{
-    MIN_ERRORS, MIN_GAIN, MIN_GAIN_OF_FACTORS, MIN_GAIN_OF_LENSES, MIN_GAIN_OF_VIEWS,
+    MIN_ERRORS, MIN_ERRORS_OF_LENSES, MIN_GAIN, MIN_GAIN_OF_FACTORS, MIN_GAIN_OF_LENSES,
+    MIN_GAIN_OF_VIEWS,
 };
 use super::explained::{Explained, Registration};
 use super::small_view::Part;
@@ -33,12 +34,12 @@ pub(super) enum Change {
     Inverse(f64),
     /// The stored values are those of a z-buffer; holds the distance of its near plane in metres.
     Buffer(f64),
-    /// The poses use another convention, named as in [`alternatives`].
+    /// The poses use another convention; holds its [`Convention::name`](super::convention::Convention::name).
     Convention(&'static str),
     /// Parts of views belong to other pictures; holds a description of the assignment.
     Order(String, Moves),
-    /// Pairs of views fit the poses of other views, but no consistent assignment exists: two pictures would have the
-    /// same pose.
+    /// Pairs of views fit the poses of other views, but no consistent assignment exists, because two pictures would
+    /// have the same pose.
     Unlisted,
     /// One or several views are wrong; holds a description of which and how.
     Views(String),
@@ -94,7 +95,7 @@ impl Change {
     pub(super) fn least_gain(&self) -> (f64, f64) {
         let gain = match self {
             // Lens distortion has a small effect, but the same kind of effect everywhere.
-            Self::Bent(_) => return MIN_GAIN_OF_LENSES,
+            Self::Bent(_) => return (MIN_GAIN_OF_LENSES, MIN_ERRORS_OF_LENSES),
             Self::Scale(_) | Self::Focal(..) | Self::Registered(_) => MIN_GAIN_OF_FACTORS,
             Self::Views(_) => MIN_GAIN_OF_VIEWS,
             _ => MIN_GAIN,

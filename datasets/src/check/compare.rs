@@ -3,34 +3,38 @@
 
 use super::explained::{ENOUGH, Explained};
 
-/// Minimum fraction of the loss that another interpretation must remove.
+/// Another interpretation is better only if it removes at least this fraction of the loss.
 pub(super) const MIN_GAIN: f64 = 0.1;
 /// [`MIN_GAIN`] for changes of a factor, which hardly fit valid data better than a factor of 1.
 pub(super) const MIN_GAIN_OF_FACTORS: f64 = 0.05;
 /// [`MIN_GAIN`] for changes to some of the views.
 pub(super) const MIN_GAIN_OF_VIEWS: f64 = 0.15;
-/// Minimum number of samples that must land in other views; with fewer, too little is visible to judge.
+/// Another interpretation is judged only if at least this many samples land in other views; with fewer, too little is
+/// visible.
 const MIN_LANDED: usize = 500;
-/// Minimum fraction of the picture tiles in which the other interpretation must be better.
+/// Another interpretation must be better in at least this fraction of the picture tiles.
 const MIN_SHARE: f64 = 0.75;
-/// Minimum of the mean improvement over tiles, in standard errors of that mean.
+/// The mean improvement over tiles must exceed this many of its standard errors.
 pub(super) const MIN_ERRORS: f64 = 3.0;
-/// [`MIN_GAIN`] and [`MIN_ERRORS`] for lens distortion; proper scenes gain 0.003.
-pub(super) const MIN_GAIN_OF_LENSES: (f64, f64) = (0.03, 4.0);
-/// Maximum mean loss of an interpretation that explains everything.
+/// [`MIN_GAIN`] for lens distortion; proper scenes gain 0.003.
+pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;
+/// [`MIN_ERRORS`] for lens distortion.
+pub(super) const MIN_ERRORS_OF_LENSES: f64 = 4.0;
+/// An interpretation explains the views well if its mean loss is at most this.
 const MAX_LEFT: f64 = 0.45;
-/// Minimum mean loss at which features are also compared.
+/// From this mean loss on, views are suspicious, and more interpretations are tried.
 const SUSPICIOUS: f64 = 0.25;
-/// Minimum fraction of depths that agree in valid data with coarse pixels and slanted surfaces.
+/// Depth agrees overall if at least this fraction of the depths agree, as in valid data with coarse pixels and slanted
+/// surfaces.
 const MOSTLY_AGREEING: f64 = 0.8;
-/// Minimum fraction of depths that agree in valid data with little motion.
+/// Fraction of depths that agree at least in valid data with little motion.
 const AGREEING: f64 = 0.9;
 /// If [`AGREEING`] of the depths agree as read, a change is needed only if it increases this fraction by this much, or
 /// because of the colours.
 const MORE_AGREEING: f64 = 0.03;
 /// A change that shows in colours is needed if it reduces colour differences to this fraction or less.
 const NEARER_COLOURS: f64 = 0.9;
-/// Minimum number of samples to judge a tile of a picture.
+/// A tile of a picture is judged only if at least this many samples lie in it.
 const ENOUGH_IN_TILE: usize = 8;
 /// An interpretation is refuted if it increases colour differences by more than this factor, even if depth agrees
 /// better.
@@ -67,7 +71,7 @@ pub(super) fn is_suspicious(all: &[Explained]) -> bool {
     mean_loss(all) >= SUSPICIOUS
 }
 
-/// True if most depths agree.
+/// True if at least [`MOSTLY_AGREEING`] of the depths agree.
 pub(super) fn agrees(all: &[Explained]) -> bool {
     forward(all).agreement() >= MOSTLY_AGREEING
 }

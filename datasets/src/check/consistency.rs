@@ -4,14 +4,15 @@
 
 use serde::Serialize;
 
-/// Minimum fraction of overlapping depths that must agree in at least one pair of neighbours. Occlusion reduces it even
+/// Poses and depth are consistent if at least this fraction of the overlapping depths agree in one pair of neighbours.
+/// Occlusion reduces it even
 /// for correct poses; in wrongly interpreted real frames, a fifth agree.
 const MIN_AGREEING: f64 = 0.3;
 
 /// Agreement of neighbouring views under one pose convention.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
-    /// The mistake that this convention corresponds to; `as read` for the reader's own convention.
+    /// How this convention differs from the reader's own; `as read` for that one.
     pub convention: &'static str,
     /// Fraction of depth values that agree within 5 %, 0..1.
     pub depth: f64,
@@ -28,9 +29,8 @@ pub struct Consistency {
     pub as_read: Fit,
     /// With other conventions that are commonly confused with the reader's.
     pub otherwise: Vec<Fit>,
-    /// In the best pair: of the depth values that land on a pixel with depth in the other view, the
-    /// fraction that agree. `None` if too few values land there (neighbours that see different
-    /// things, or sparse depth).
+    /// Of the depth values that land on a pixel with depth in the other view, the fraction that agree, in the best
+    /// pair. `None` if too few values land there (neighbours that see different things, or sparse depth).
     pub meeting: Option<f64>,
     /// Number of pairs of views that were examined.
     pub pairs: usize,
@@ -133,10 +133,13 @@ mod tests {
         let views = views(0.1);
         assert_eq!(complaint(&views), None);
         for (take, name) in [
-            (RigidTransform::inverse as fn(&_) -> _, "exchanged: "),
+            (
+                RigidTransform::inverse as fn(&_) -> _,
+                "world-to-camera exchanged (",
+            ),
             (flip, "OpenGL"),
-            (|pose| flip(&pose.inverse()), "exchanged: "),
-            (|pose| flip(pose).inverse(), "exchanged, and OpenGL"),
+            (|pose| flip(&pose.inverse()), "world-to-camera exchanged ("),
+            (|pose| flip(pose).inverse(), "exchanged, and also OpenGL"),
         ] {
             let complaint = taken(&views, take).unwrap();
             assert!(complaint.contains(name), "{name}: {complaint}");
@@ -177,6 +180,9 @@ mod tests {
         );
         assert_eq!(complaint(&masked), None);
         let complaint = taken(&masked, RigidTransform::inverse).unwrap();
-        assert!(complaint.contains("exchanged: "), "{complaint}");
+        assert!(
+            complaint.contains("world-to-camera exchanged ("),
+            "{complaint}"
+        );
     }
 }

@@ -5,7 +5,7 @@ use sharp::camera::RigidTransform;
 
 /// An alternative interpretation of the poses.
 pub(super) struct Convention {
-    /// The mistake that the convention corresponds to.
+    /// How this reading differs from the one as read; completes "the poses fit better if read with".
     pub(super) name: &'static str,
     /// Converts a pose as read to the world-to-camera pose under this convention.
     pub(super) take: Take,
@@ -24,10 +24,10 @@ pub(super) const CONVENTIONS: [Convention; 4] = [
         "camera-to-world and world-to-camera exchanged",
         RigidTransform::inverse,
     ),
-    of("OpenGL's and OpenCV's camera axes confused", flip),
+    of("OpenGL's and OpenCV's camera axes exchanged", flip),
     // Changing the axes before the exchange would give the exchange alone, with other axes of the world.
     of(
-        "camera-to-world and world-to-camera exchanged, and OpenGL's camera axes",
+        "camera-to-world and world-to-camera exchanged, and also OpenGL's and OpenCV's camera axes",
         |pose| flip(&pose.inverse()),
     ),
 ];
@@ -100,14 +100,14 @@ const TRANSPOSED: [Convention; 3] = [
 /// positions.
 const EXCHANGED_PLACES: [Convention; 2] = [
     of(
-        "the translations read as the cameras' positions (t = -R c)",
+        "the translations taken as the cameras' positions (t = -R c)",
         |pose| RigidTransform {
             translation: pose.rotation * -pose.translation,
             ..*pose
         },
     ),
     of(
-        "the cameras' positions read as translations of world-to-camera poses (c = -R^T t)",
+        "the cameras' positions taken as translations of world-to-camera poses (c = -R^T t)",
         |pose| RigidTransform {
             translation: pose.rotation.transpose() * -pose.translation,
             ..*pose
@@ -117,11 +117,11 @@ const EXCHANGED_PLACES: [Convention; 2] = [
 /// Pictures that were rotated without their poses.
 const TURNED: [Convention; 2] = [
     of(
-        "the cameras turned by 90 degrees (pictures were turned clockwise, poses were not)",
+        "the cameras turned by 90 degrees (the pictures were turned clockwise, but not the poses)",
         |pose| rolled(pose, 1.0),
     ),
     of(
-        "the cameras turned by 90 degrees (pictures were turned counterclockwise, poses were not)",
+        "the cameras turned by 90 degrees (the pictures were turned counterclockwise, but not the poses)",
         |pose| rolled(pose, -1.0),
     ),
 ];
@@ -162,7 +162,7 @@ fn rotated(pose: &RigidTransform, axes: DMat3) -> RigidTransform {
     }
 }
 
-/// Pose with another rotation at an unchanged position.
+/// Pose with the given rotation at an unchanged position.
 fn turned_in_place(pose: &RigidTransform, rotation: DMat3) -> RigidTransform {
     let place = pose.rotation.transpose() * -pose.translation;
     RigidTransform {

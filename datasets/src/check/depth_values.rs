@@ -9,21 +9,21 @@ use super::explained::TOLERANCE;
 use super::neighbours::Neighbours;
 use super::small_view::Sample;
 
-/// Minimum fraction of depths at the maximum value that indicates a limit.
+/// Depth counts as clipped only if at least this fraction of the depths are at the maximum value.
 const MIN_LIMITED: f64 = 0.01;
-/// Minimum number of positions on which a judgement is based.
+/// Depth is judged only if it is known at this many positions or more.
 const ENOUGH_LIMITED: usize = 100;
-/// Minimum relative difference between the maximum depth and the depth according to the other view.
+/// A depth at the maximum contradicts another view if it differs from the depth there by more than this, relatively.
 const OFF_LIMIT: f64 = 0.002;
-/// Minimum of the same difference, in steps of the depth map at its maximum.
+/// [`OFF_LIMIT`] in steps of the depth map at its maximum; the larger of the two counts.
 const OFF_STEPS: f64 = 2.0;
-/// Upper bound on the minimum depth of a normalised map at the reduced size.
+/// A map counts as normalised only if its minimum, at the reduced size, is below this.
 const MIN_NORMALISED: f64 = 0.1;
-/// Lower bound on the maximum depth of a normalised map at the reduced size.
+/// A map counts as normalised only if its maximum, at the reduced size, is at least this.
 const MAX_NORMALISED: f64 = 0.9;
 
-/// Minimum relative difference of a single-valued map's depth from another such map; from other maps it is
-/// [`TOLERANCE`].
+/// Two single-valued maps contradict each other if their depths differ by more than this, relatively; for other maps,
+/// [`TOLERANCE`] is used.
 const OFF_CONSTANT: f64 = 0.01;
 
 /// Number of positions at which both of two views have depth, and of those where it differs.
@@ -109,8 +109,8 @@ impl Neighbours<'_> {
         let enough = met.all as f64 >= MIN_LIMITED * all as f64;
         (enough && met.are_mostly_off()).then(|| {
             format!(
-                "depth is clipped at {} m: of {} points with exactly that depth in two neighbouring views, {:.0} % cannot \
-                 have it in both; store 0 where depth is unknown",
+                "depth is clipped at {} m (of {} points with exactly that depth in two neighbouring views, {:.0} % cannot \
+                 have it in both); store 0 where depth is unknown",
                 number(limit),
                 met.all,
                 met.percent_off()

@@ -144,11 +144,11 @@ pub(super) const TILES: usize = 4;
 const DEPTH_SCALE: f64 = 0.1;
 /// Difference in colour, in levels, at which the loss saturates.
 pub(super) const COLOUR_SCALE: f64 = 32.0;
-/// Minimum fraction of samples to judge a pair.
+/// Agreement of depths is measured only if at least this fraction of the samples land on a pixel with depth.
 pub(super) const ENOUGH: f64 = 0.05;
-/// Minimum number of colours from which an exposure is measured.
+/// An exposure is measured only from at least this many colours.
 const MIN_COMPARED: usize = 200;
-/// Maximum relative difference of depths that agree.
+/// Depths agree if their relative difference is at most this.
 pub(super) const TOLERANCE: f64 = 0.05;
 
 /// Statistics of one view's samples in another view.

@@ -19,25 +19,27 @@ use super::small_view::{FLIPS, Part, SmallView, WIDEST};
 
 /// Number of steps in each direction in the search for the principal point.
 const CENTRES: i32 = 10;
-/// Ratio of the factors tried; an offset, in widths of the picture, is a tenth of a factor's logarithm.
+/// Ratio between consecutive factors in that search; an offset, in widths of the picture, is a tenth of a factor's
+/// logarithm.
 const CENTRE_STEP: f64 = 1.12;
 /// Number of searches per axis; a search continues where the one before ended, if that was at the end of its range.
 const CENTRE_SEARCHES: usize = 3;
-/// Minimum offset of a principal point that is reported, in widths.
+/// Smaller offsets of a principal point are not reported, in widths.
 const MIN_OFF: f64 = 0.004;
 
-/// Colour differences up to this count as explained, as a fraction of those between unrelated places.
-const WELL: f64 = 0.8;
-/// Factor to which an interpretation must reduce colour differences above [`WELL`].
-const MUCH_LESS: f64 = 0.75;
-/// Colour differences above this are never explained, as a fraction of those between unrelated places.
-const UNRELATED: f64 = 1.0;
+/// Colour differences count as explained up to this fraction of those between unrelated places.
+const MAX_EXPLAINED_COLOURS: f64 = 0.8;
+/// An interpretation must reduce colour differences above [`MAX_EXPLAINED_COLOURS`] to this fraction or less.
+const MAX_COLOURS_LEFT: f64 = 0.75;
+/// Colour differences above this multiple of those between unrelated places are never explained.
+const MAX_COLOURS: f64 = 1.0;
 /// If more than this fraction of the loss remains, rounded poses are the more likely cause.
-const HARDLY_LESS: f64 = 0.75;
-/// A factor of fx or fy alone that is above this, or below its reciprocal, must reduce colour differences to [`LESS`].
-const LARGE: f64 = 1.25;
-/// Fraction to which colour differences must be reduced to accept a factor above [`LARGE`].
-const LESS: f64 = 0.6;
+const MAX_LOSS_LEFT: f64 = 0.75;
+/// A factor of fx or fy alone that is above this, or below its reciprocal, must reduce colour differences to
+/// [`MAX_LEFT_BY_LARGE_FACTOR`].
+const LARGE_FACTOR: f64 = 1.25;
+/// Fraction to which colour differences must be reduced to accept a factor above [`LARGE_FACTOR`].
+const MAX_LEFT_BY_LARGE_FACTOR: f64 = 0.6;
 
 /// Samples per view in the coarse part of a search for a factor.
 const COARSE_SAMPLES: usize = 600;
@@ -45,7 +47,8 @@ const COARSE_SAMPLES: usize = 600;
 const FINE_SAMPLES: [usize; 2] = [800, 3000];
 
 impl Neighbours<'_> {
-    /// The interpretation that explains the views best, if significantly better than the dataset reader's own.
+    /// The interpretation that explains the views best; `None` unless it is significantly better than the dataset
+    /// reader's own.
     pub(super) fn better(&self, units: Units) -> Option<Better> {
         let as_read = self.explained(&Reading::AS_READ, self.stride);
         let mut all: Vec<(Change, Vec<Explained>)> = Vec::new();
@@ -146,8 +149,9 @@ impl Neighbours<'_> {
         };
         let simple = all.into_iter().filter(is_candidate);
         let simple = simple.chain(self.one_view(&as_read)).min_by(by_loss);
-        let is_poor =
-            simple.is_some() || is_suspicious(&as_read) || self.unexplained(&as_read) > WELL;
+        let is_poor = simple.is_some()
+            || is_suspicious(&as_read)
+            || self.unexplained(&as_read) > MAX_EXPLAINED_COLOURS;
         // These have more degrees of freedom, so they must also be better than the simpler changes.
         let complex = self
             .some_views()
@@ -165,7 +169,7 @@ impl Neighbours<'_> {
             as_read: forward(&as_read),
             explained: forward(&explained),
             fits_well: fits_well(&explained) && self.mends(&change, &as_read, &explained),
-            is_slight: mean_loss(&explained) > HARDLY_LESS * mean_loss(&as_read),
+            is_slight: mean_loss(&explained) > MAX_LOSS_LEFT * mean_loss(&as_read),
             change,
         })
     }
@@ -194,7 +198,7 @@ impl Neighbours<'_> {
                     }
                     false => unexplained(format!(
                         "poses, cameras, pictures and depth are inconsistent, and no single correction that was \
-                         tried explains it: with the best one {evidence}"
+                         tried explains it (with the best one, {evidence})"
                     )),
                 })
             }
@@ -212,10 +216,13 @@ impl Neighbours<'_> {
         match change {
             Change::Unlisted => false,
             // Correcting a large error should leave small differences.
-            Change::Focal(Focal::X | Focal::Y, factor) if factor.ln().abs() > LARGE.ln() => {
-                after <= LESS * before
+            Change::Focal(Focal::X | Focal::Y, factor) if factor.ln().abs() > LARGE_FACTOR.ln() => {
+                after <= MAX_LEFT_BY_LARGE_FACTOR * before
             }
-            _ => after <= WELL || after <= MUCH_LESS * before && after <= UNRELATED,
+            _ => {
+                after <= MAX_EXPLAINED_COLOURS
+                    || after <= MAX_COLOURS_LEFT * before && after <= MAX_COLOURS
+            }
         }
     }
 
@@ -310,7 +317,7 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Factor with the least loss.
+    /// The factor whose reading, `with(factor)`, has the least loss; tries factors as [`least`] does.
     pub(super) fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
         let coarse = self.stride_of(COARSE_SAMPLES).max(4 * self.stride);
         let fine = self.stride_of(FINE_SAMPLES[usize::from(self.thorough)]);

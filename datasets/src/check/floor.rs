@@ -6,18 +6,18 @@ use super::features::Matches;
 use super::neighbours::Neighbours;
 use super::small_view::WIDEST;
 
-/// Minimum median distance of matches from their predicted places, in reduced pixels, in a pair of views that depth
-/// contradicts; [`MAX_CLOSE`] must hold, too. Consistent scenes have medians below 1.
+/// Depth contradicts a pair of views if the median distance of matches from their predicted places is at least this, in
+/// reduced pixels, and [`MAX_CLOSE`] holds, too. Consistent scenes have medians below 1.
 const MIN_MISS: f64 = 2.5;
-/// Maximum fraction of matches within [`CLOSE`] of their predicted places in such a pair. Consistent scenes have
-/// fractions above 0.8.
+/// In such a pair, at most this fraction of the matches are within [`CLOSE`] of their predicted places. Consistent
+/// scenes have fractions above 0.8.
 const MAX_CLOSE: f64 = 0.35;
-/// Distance of a match that is close to its predicted place, in reduced pixels.
+/// A match is close to its predicted place if their distance is below this, in reduced pixels.
 const CLOSE: f64 = 2.0;
-/// Maximum fraction of matches near their epipolar lines if poses and pictures contradict each other. Even the lines of
-/// unrelated poses pass near some matches.
+/// Poses and pictures contradict each other if at most this fraction of the matches are near their epipolar lines. Even
+/// the lines of unrelated poses pass near some matches.
 const MAX_NEAR_LINES: f64 = 0.35;
-/// Minimum fraction of matches on their epipolar lines if poses and pictures agree.
+/// Poses and pictures agree if at least this fraction of the matches are on their epipolar lines.
 const MIN_ON_LINES: f64 = 0.8;
 
 /// Measures how well poses, cameras and depth predict the features that match between a view and the next.
@@ -54,7 +54,7 @@ impl Residual {
         self.on_lines as f64 >= MIN_ON_LINES * self.matches as f64
     }
 
-    /// Median distance from the predicted places, if too large.
+    /// Median distance of matches from their predicted places; `None` unless it is too large.
     fn misses_by(&self) -> Option<f64> {
         let n = self.misses.len();
         let median = *self.misses.get(n / 2).filter(|_| n >= MIN_MATCHES)?;
@@ -95,9 +95,11 @@ pub(super) fn contradiction(
     let judged = residuals.iter().filter(can_be_judged).count();
     let misses = worst.misses_by().map_or(String::new(), |median| {
         format!(
-            ", and depth and poses lead {} past them (the median, at a width of {WIDEST} or less; below 1 is usual)",
+            ", and depth and poses predict positions {} away from them",
             match median.is_finite() {
-                true => format!("{median:.1} pixels"),
+                true => format!(
+                    "{median:.1} pixels (the median, at a width of {WIDEST} or less; below 1 is usual)"
+                ),
                 false => "far".to_owned(),
             }
         )
@@ -105,16 +107,16 @@ pub(super) fn contradiction(
     let (what, causes) = match contradicted.all(Residual::is_on_lines) {
         true => (
             "pictures and poses fit each other, so depth does not fit them",
-            "is depth nonlinear, wrapped around, or of another source or size?",
+            "perhaps depth is nonlinear, wrapped around, or from another source or of another size",
         ),
         false => (
             "pictures and poses contradict each other",
-            "are the poses of another model, delayed, or relative to the previous frame, or were pictures repeated, cropped \
-             or turned?",
+            "perhaps the poses are from another model, delayed, or relative to the previous frame, or pictures were \
+             repeated, cropped or turned",
         ),
     };
     Some(format!(
-        "{what}, and no known correction explains it: {lines}{misses}; this holds for {n} of {judged} pairs of neighbouring views \
-         that can be judged; {causes}"
+        "{what}, and no known correction explains it; {lines}{misses}; this holds for {n} of the {judged} pairs of \
+         neighbouring views that can be judged; {causes}"
     ))
 }

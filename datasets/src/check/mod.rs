@@ -144,15 +144,15 @@ fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
     let without = without_depth(&scene.views) == scene.views.len();
     let own = match spec.entry.format {
         "colmap" => {
-            "put depth maps with the pictures' names into depth/, set depth=points (sparse), "
+            "put depth maps with the pictures' names into depth/; or set depth=points (sparse); or "
         }
-        "nerfstudio" => "name depth maps by depth_file_path, ",
+        "nerfstudio" => "set depth_file_path of each frame to its depth map; or ",
         _ => "",
     };
     (scene.pairing == Pairing::MultiView && without).then(|| {
         format!(
-            "no view has depth, so no pair can be selected: {own}choose pairs by other depth in metres \
-             (--pair-options overlap=given-metric with --overlap-depth DIR), or select them without overlap \
+            "no view has depth, so no pair can be selected; {own}choose pairs by other depth in metres \
+             (--pair-options overlap=given-metric with --overlap-depth DIR); or select them without overlap \
              (--pair-options missing-depth=accept)"
         )
     })
@@ -311,7 +311,7 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
         && without_depth(&scene.views) == scene.views.len()
     {
         problems.push(format!(
-            "{}: depth={source} was requested, but no picture has any",
+            "{}: depth={source} was requested, but no picture has such depth",
             scene.id
         ));
     }

@@ -17,14 +17,16 @@ use crate::View;
 /// Maximum number of views of a scene for which a thorough check reads all of them.
 pub(super) const MAX_ALL: usize = 12;
 
-/// Minimum motion, in reduced pixels, between two views for which identical pictures are an error.
+/// Identical pictures are an error if the content moves by at least this between the two views, in reduced pixels.
 const MIN_MOVED: f64 = 1.5;
 
-/// Maximum difference of colours that fit, as a fraction of the difference between unrelated places.
+/// Colours fit if their difference is at most this fraction of the difference between unrelated places.
 const EXPLAINED: f64 = 0.35;
 
-/// Minimum factor between the levels of two exposures, and maximum share of the colour difference that the factor leaves.
-const EXPOSURE: (f64, f64) = (1.12, 0.5);
+/// Two views differ in exposure if their levels differ by at least this factor.
+const MIN_EXPOSURE_FACTOR: f64 = 1.12;
+/// The factor between two exposures must reduce the colour difference to this share or less.
+const MAX_LEFT_BY_EXPOSURE: f64 = 0.5;
 
 /// Neighbouring views of a scene at reduced size.
 pub(super) struct Neighbours<'a> {
@@ -34,14 +36,14 @@ pub(super) struct Neighbours<'a> {
     pub(super) depth_by_pose: bool,
     /// Surrounding views, for tests of their depth with other pictures.
     pub(super) around: BTreeMap<usize, SmallView>,
-    /// Projections as (from, to): from a view to its neighbour, then back.
+    /// Projections as pairs of indices (from, to): from a view to its neighbour, then back.
     pub(super) carries: Vec<(usize, usize)>,
     pub(super) stride: usize,
     pub(super) thorough: bool,
 }
 
 impl<'a> Neighbours<'a> {
-    /// `None` if no two neighbours can be read with depth.
+    /// Reads some or all of the views; `None` if no two neighbours can be read with depth.
     pub(super) fn new(views: &'a [View], effort: Effort) -> Option<Self> {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
         let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
@@ -217,7 +219,8 @@ impl<'a> Neighbours<'a> {
         let pairs = self.carries.iter().zip(&all).step_by(2);
         let compared = pairs.filter_map(|(pair, one)| {
             let ((factor, left), levels) = (one.exposure()?, one.colour_levels()?);
-            let is_other = factor.ln().abs() >= EXPOSURE.0.ln() && left <= EXPOSURE.1 * levels;
+            let is_other = factor.ln().abs() >= MIN_EXPOSURE_FACTOR.ln()
+                && left <= MAX_LEFT_BY_EXPOSURE * levels;
             Some((pair, factor, is_other))
         });
         let compared: Vec<(&(usize, usize), f64, bool)> = compared.collect();
@@ -225,16 +228,16 @@ impl<'a> Neighbours<'a> {
         let count = other.clone().count();
         let ((a, b), factor, _) = other.max_by(|a, b| a.1.ln().abs().total_cmp(&b.1.ln().abs()))?;
         Some(format!(
-            "exposure: {count} of {} pairs of neighbouring views differ in exposure, {} and {} by a factor of {factor:.2} in \
-             their levels; methods that keep the source's exposure lose PSNR there, so use pictures of one exposure if there \
-             are any",
+            "exposure: {count} of {} pairs of neighbouring views differ in exposure (the levels of {} and {} by a factor of \
+             {factor:.2}); methods that keep the source's exposure lose PSNR there, so use pictures of one exposure if \
+             there are any",
             compared.len(),
             self.views[*a].id,
             self.views[*b].id
         ))
     }
 
-    /// Fraction of pixels that masks exclude, if most are excluded.
+    /// Mean fraction of pixels that masks exclude; `None` unless it is over half.
     pub(super) fn excluded(&self) -> Option<f64> {
         let is_masked = |i: &usize| self.views[*i].content.processing().masked;
         let masked = self.small.iter().filter(|(i, _)| is_masked(i));
@@ -247,8 +250,8 @@ impl<'a> Neighbours<'a> {
         is_suspicious(&self.explained(&Reading::AS_READ, self.stride))
     }
 
-    /// Reports neighbouring views with the same picture, or the same depth map in all views, although the content should
-    /// have moved between them.
+    /// Reports neighbouring views with the same picture, or the same depth map in all views, although the content
+    /// should have moved between them.
     pub(super) fn repeated(&self) -> Option<String> {
         let is_moved = |(a, b): &(usize, usize)| {
             let ((one, samples), (other, _)) = (&self.small[a], &self.small[b]);
@@ -281,12 +284,12 @@ impl<'a> Neighbours<'a> {
         if let Some((a, b)) = pictured {
             let [a, b] = [a, b].map(|i| &self.views[*i].id);
             return Some(format!(
-                "{a} and {b} have the same picture, {moves}; to which of the two does it belong? Replace the other's"
+                "{a} and {b} have the same picture, {moves}; replace the picture of the view to which it does not belong"
             ));
         }
         let is_one = pairs.clone().all(has_one_depth) && pairs.any(disagrees);
         is_one.then(|| {
-            format!("all views examined have the same depth map, {moves}; give each view its own")
+            format!("all views examined have the same depth map, {moves}; give each view its own depth map")
         })
     }
 

@@ -14,11 +14,11 @@ use super::neighbours::Neighbours;
 use super::search::{is_reportable, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView};
 
-/// Maximum remaining loss, as a multiple of the loss between the surrounding views.
+/// A correction counts only if the remaining loss is at most this multiple of the loss between the surrounding views.
 const MAX_LEFT: f64 = 1.5;
-/// Minimum error of a pose, in radians or in median depths; smaller errors are mere imprecision.
+/// A pose is wrong if it is off by more than this, in radians or in median depths; smaller errors are mere imprecision.
 const MIN_OFF: f64 = 0.03;
-/// Minimum loss of a suspicious view, as a multiple of the loss between the surrounding views.
+/// A view is suspicious if its loss exceeds this multiple of the loss between the surrounding views.
 const MIN_WORSE: f64 = 1.15;
 /// Number of views on either side with which a view is compared.
 const REACH: usize = 2;
@@ -96,7 +96,7 @@ impl Neighbours<'_> {
                 });
                 let said = evidence(&forward(&read), &forward(&mended));
                 found.push((
-                    Change::Views(format!("{}: {what}: {said}", self.views[*i].id)),
+                    Change::Views(format!("{}: {what} ({said})", self.views[*i].id)),
                     carries.collect(),
                 ));
             }

@@ -14,15 +14,15 @@ use super::small_view::{Sample, SmallView};
 use crate::View;
 use crate::view::evenly_spaced;
 
-/// Minimum number of views: with fewer, any assignment to poses may fit.
+/// Shifts and reorderings are tried only with at least this many views; with fewer, any assignment to poses may fit.
 const MIN_VIEWS: usize = 5;
 
-/// Minimum number of pairs of neighbours that a shift starting at a later picture must explain better; a single one may
-/// be due to one wrong pose.
+/// A shift starting at a later picture must explain at least this many pairs of neighbours better; a single one may be
+/// due to one wrong pose.
 const MIN_SHIFTED: usize = 2;
 
-/// Minimum fraction of a pair's loss that the poses of two other views must remove. High, because these poses are the
-/// best of many.
+/// The poses of two other views must remove at least this fraction of a pair's loss. The fraction is high, because
+/// these poses are the best of many.
 const MIN_GAIN_ELSEWHERE: f64 = 0.25;
 /// Samples per view in the search for the poses of two other views.
 const SAMPLES_ELSEWHERE: usize = 500;
@@ -32,7 +32,7 @@ type Read<'a> = Cow<'a, (SmallView, Vec<Sample>)>;
 /// For each view, the view whose picture, depth or pose it receives; `None` if there is none.
 pub(super) type Assignment = Box<dyn Fn(usize) -> Option<usize>>;
 
-/// The first view of each pair of neighbours that is examined.
+/// Indices of the first view of each pair of neighbours that is examined.
 pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = usize> {
     evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
 }
@@ -107,8 +107,8 @@ pub(super) fn thinned(views: &[View], noun: &str) -> Vec<(String, Assignment, us
     let strides = strides.filter(|(stride, _)| views.len() >= MIN_VIEWS.max(2 * stride));
     let all = strides.map(|(stride, which)| {
         let text = format!(
-            "the pictures fit every {which} {noun}, starting with the first, as if every {which} picture had been kept, \
-             but all {noun}s"
+            "the pictures fit every {which} {noun}, starting with the first, as if only every {which} picture had been \
+             kept, but all {noun}s"
         );
         let of: Assignment = Box::new(move |i| Some(stride * i));
         (text, of, 1)
@@ -168,7 +168,7 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Pairs of views that were both read, at least one of which is projected.
+    /// Pairs of views whose exchange is tried: both were read, and at least one is projected.
     fn exchanges(&self) -> Vec<(usize, usize)> {
         if !self.thorough {
             return Vec::new();

@@ -7,14 +7,14 @@ use crate::view::evenly_spaced;
 
 /// Number of 16-bit values.
 const WRAP: f64 = 65536.0;
-/// Minimum difference of adjacent values that may be an overflow.
+/// Adjacent values may be an overflow if they differ by more than this.
 const MIN_JUMP: f64 = WRAP / 2.0;
-/// Maximum relative difference between a value after a jump, with the lost bit restored, and the continuation of the
-/// values before it.
+/// A surface continues across a jump if the value after it, with the lost bit restored, differs by at most about this
+/// from the continuation of the values before it, relatively.
 const NEAR: f64 = 0.01;
-/// Minimum number of jumps across which the surface continues.
+/// A map overflowed only if the surface continues across at least this many jumps.
 const MIN_SEAMS: usize = 16;
-/// Minimum fraction of jumps across which the surface continues, among all jumps.
+/// A map overflowed only if the surface continues across at least this fraction of all jumps.
 const MIN_SHARE: f64 = 0.15;
 
 /// A sentence on the first of a few views whose depth map overflowed. Files that cannot be read are reported elsewhere.
@@ -23,7 +23,7 @@ pub(super) fn overflowed(views: &[View], effort: Effort) -> Option<String> {
     let mut stored = few.filter_map(|i| views[i].content.stored_depth().ok().flatten());
     let (file, _) = stored.find(|(_, map)| has_seams(map))?;
     Some(format!(
-        "{}: the depth overflowed 16 bits: surfaces that reach {} continue at 0; store it in a coarser unit or as float",
+        "{}: the depth overflowed 16 bits (surfaces that reach {} continue at 0); store it in a coarser unit or as float",
         file.display(),
         u16::MAX
     ))

@@ -1,5 +1,7 @@
 //! Detection of implausible values.
 
+use std::ops::RangeInclusive;
+
 use glam::DVec3;
 use sharp::camera::{Intrinsics, baseline_m};
 
@@ -7,12 +9,12 @@ use super::advice::{DEPTHS_M, Units, number};
 use crate::View;
 
 /// Plausible focal lengths, in widths of the picture.
-const FOCAL: (f64, f64) = (0.2, 20.0);
-/// Maximum distance of the principal point from the centre, in widths and heights of the picture. A centred point that
-/// was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
+const FOCAL_WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
+/// A principal point is implausible farther than this from the centre, in widths and heights of the picture. A centred
+/// point that was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
-/// Maximum distance of the principal point from the centre, in widths and heights, at which it counts as centred.
+/// A principal point counts as centred up to this distance from the centre, in widths and heights of the picture.
 const MIDDLE: f64 = 0.03;
 
 /// Detects principal points that are centred only if x and y are exchanged, in all views. One crop may have such a
@@ -29,8 +31,8 @@ fn exchanged_centres(views: &[View]) -> Option<String> {
         .filter(|_| views.iter().all(is_exchanged))?
         .intrinsics;
     Some(format!(
-        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were exchanged; are they, or is the \
-         calibration for pictures turned by 90 degrees?",
+        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were exchanged; exchange them, or use the \
+         calibration for these pictures if it is for pictures turned by 90 degrees",
         number(k.cx),
         number(k.cy),
         k.width,
@@ -54,8 +56,8 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
     })
 }
 
-/// Size of the pictures for which a camera seems to be calibrated, relative to its own; `None` unless its principal point
-/// is far off the centre by the same factor in both directions.
+/// Size of the pictures for which a camera seems to be calibrated, relative to its own; `None` unless its principal
+/// point is far off the centre by the same factor in both directions.
 fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;
@@ -92,9 +94,9 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
     let focal = |view: &View| {
         let k = &view.intrinsics;
         let widths = k.fx / f64::from(k.width);
-        (!(FOCAL.0..=FOCAL.1).contains(&widths)).then(|| {
+        (!FOCAL_WIDTHS.contains(&widths)).then(|| {
             format!(
-                "a focal length of {} pixels is {} widths of the picture",
+                "the focal length of {} pixels is implausible, because it is {} widths of the picture",
                 number(k.fx),
                 number(widths)
             )
@@ -110,14 +112,16 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
             String::new()
         };
         let cause = calibrated_for(&view.intrinsics).map_or(
-            "another picture size or unit?".to_owned(),
+            "another picture size, or in another unit".to_owned(),
             |times| {
                 let (size, by) = (number((20.0 * times).round() / 20.0), number(1.0 / times));
-                format!("pictures {size} times as large? Multiply focal lengths and principal points by {by}")
+                format!(
+                    "pictures {size} times as large; if so, multiply focal lengths and principal points by {by}"
+                )
             },
         );
         Some(format!(
-            "{}{others}: {what}; is the calibration for {cause}",
+            "{}{others}: {what}; perhaps the calibration is for {cause}",
             view.id
         ))
     };
@@ -132,8 +136,8 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
 }
 
 /// Message for a scene whose views all look in one direction and do not fit together.
-pub(super) const ONE_ROTATION: &str = "all views have the same rotation, which does not fit the pictures; were the \
-                                       rotations lost?";
+pub(super) const ONE_ROTATION: &str = "all views have the same rotation, which does not fit the pictures; perhaps the \
+                                       rotations were lost";
 
 /// True if there are at least three views and all look in the same direction.
 pub(super) fn have_one_rotation(views: &[View]) -> bool {
@@ -144,11 +148,12 @@ pub(super) fn have_one_rotation(views: &[View]) -> bool {
 
 /// Steps to which positions are rounded, in the poses' unit.
 const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
-/// Maximum distance from a multiple of the step, as a fraction of the step.
+/// A coordinate counts as a multiple of a step if it is off by less than this fraction of the step.
 const OFF_STEP: f64 = 1e-3;
-/// Minimum number of the positions' coordinates that are not 0.
+/// Rounding is judged only if at least this many coordinates of the positions are not 0.
 const MIN_COORDINATES: usize = 3;
-/// Minimum step, as a fraction of the median distance between neighbouring views; a smaller one matters little.
+/// A step is reported only if it is at least this fraction of the median distance between neighbouring views; a smaller
+/// one matters little.
 const MIN_STEP: f64 = 0.02;
 
 /// An addition to the report of a contradiction without a known cause, if poses seem to have been rounded.
@@ -175,18 +180,17 @@ pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
     let step = STEPS.into_iter().find(|step| is_multiple(*step))?;
     (step >= MIN_STEP * between).then(|| {
         format!(
-            "; every camera position is a multiple of {}, so the poses may have been rounded: store more digits",
+            "; every camera position is a multiple of {}, so the poses may have been rounded; store more digits",
             number(step)
         )
     })
 }
 
-/// Reports an implausible median depth.
+/// A sentence on the median depth, in metres, if it is implausible.
 pub(super) fn depth(median_m: f64, units: Units) -> Option<String> {
-    let plausible = DEPTHS_M.0..=DEPTHS_M.1;
-    (median_m > 0.0 && !plausible.contains(&median_m)).then(|| {
+    (median_m > 0.0 && !DEPTHS_M.contains(&median_m)).then(|| {
         format!(
-            "the median depth is {} m; {}",
+            "the median depth of {} m is implausible; {}",
             number(median_m),
             units.where_to_set()
         )

@@ -13,19 +13,19 @@ use super::search::is_reportable;
 const PROBE: f64 = 0.02;
 /// Magnification that is tried first.
 const PROBED_ZOOM: f64 = 1.1;
-/// Number of steps and their ratio in the search for the offset, as for principal points.
+/// Number of steps in the search for the offset, then the ratio between them, as for principal points.
 const OFFSETS: (i32, f64) = (10, 1.12);
-/// Number of steps and their ratio in the search for the magnification.
+/// Number of steps in the search for the magnification, then the ratio between them.
 const ZOOMS: (i32, f64) = (12, 1.035);
-/// Minimum offset that is reported, in widths.
+/// Smaller offsets are not reported, in widths.
 const MIN_OFF: f64 = 0.008;
 /// Maximum offset along an axis, in widths.
 const MAX_OFF: f64 = 0.12;
-/// Maximum magnification.
+/// Maximum magnification, and maximum reduction, of a depth map.
 const MAX_ZOOM: f64 = 1.6;
-/// Maximum ratio of the remaining colour differences to those as read. Only colours show that depth belongs elsewhere.
+/// Colour differences must fall to this share of those as read. Only colours show that depth belongs elsewhere.
 const MAX_LEFT: f64 = 0.9;
-/// Maximum remaining colour differences, as a fraction of those between unrelated places.
+/// The remaining colour differences may be at most this fraction of those between unrelated places.
 const MAX_UNEXPLAINED: f64 = 0.75;
 
 const fn with(depth_at: Registration) -> Reading {
@@ -50,7 +50,7 @@ fn zoomed(by: Registration, factor: f64) -> Registration {
 }
 
 impl Neighbours<'_> {
-    /// The shift and magnification with which depth maps fit the pictures best, if better than without.
+    /// The shift and magnification with which depth maps fit the pictures best; `None` unless better than without.
     pub(super) fn registered(&self, as_read: &[Explained]) -> Option<(Change, Vec<Explained>)> {
         if self.depth_by_pose {
             return None;

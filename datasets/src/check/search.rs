@@ -1,6 +1,6 @@
 //! Search for the best-fitting factor.
 
-/// Minimum factor that is reported; factors closer to 1 are ignored.
+/// Factors are reported only from this one (or its reciprocal) on; those closer to 1 are ignored.
 const MIN_FACTOR: f64 = 1.03;
 
 pub(super) fn is_reportable(factor: f64) -> bool {

@@ -31,9 +31,9 @@ const QUANTITIES: [Quantity; 3] = [
     }),
 ];
 
-/// A factor of some views is equivalent to its inverse in all others. The others are reported, too, if the loss with them
-/// corrected is at most this multiple of the least loss.
-const AS_GOOD: f64 = 1.1;
+/// A factor of some views is equivalent to its inverse in all others. The others are named as an alternative if
+/// correcting them leaves at most this multiple of the least loss.
+const MAX_LOSS_OF_ALTERNATIVE: f64 = 1.1;
 /// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;
 
@@ -75,7 +75,7 @@ impl Neighbours<'_> {
             return None;
         }
         let (others, otherwise) = chosen(1.0 / factor, &as_read[1], self.stride);
-        let is_open = mean_loss(&otherwise) <= AS_GOOD * mean_loss(&explained);
+        let is_open = mean_loss(&otherwise) <= MAX_LOSS_OF_ALTERNATIVE * mean_loss(&explained);
         let is_gain = mean_loss(&explained) <= (1.0 - MIN_GAIN_OF_VIEWS) * mean_loss(&as_read[1]);
         if is_open
             && is_gain
@@ -97,12 +97,12 @@ impl Neighbours<'_> {
         // poses.
         let has = |view: &usize| views.contains(view);
         let or = match self.carries.iter().all(|(a, b)| has(a) == has(b)) {
-            true if *what == DEPTH => format!(" (or {its} {TRANSLATION} times {inverse})"),
-            false if is_open => format!(" (or that of {} times {inverse})", ids(&others)),
+            true if *what == DEPTH => format!(", or {its} {TRANSLATION} by {inverse}"),
+            false if is_open => format!(", or that of {} by {inverse}", ids(&others)),
             _ => String::new(),
         };
         let ids = ids(&views);
-        let sentence = format!("{ids}: {its} {what} times {times} fits{or}: {said}");
+        let sentence = format!("{ids}: {its} {what} should be multiplied by {times}{or} ({said})");
         Some((Change::Views(sentence), explained))
     }
 

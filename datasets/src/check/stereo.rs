@@ -1,6 +1,8 @@
 //! Checks that the depth of a rectified pair's left view leads to matching colours in the right view, and tests other
 //! disparities.
 
+use std::ops::RangeInclusive;
+
 use glam::{DMat3, DVec2};
 use sharp::camera::baseline_m;
 
@@ -14,7 +16,7 @@ use super::{Effort, block_match, calibration};
 use crate::View;
 
 /// Plausible distances between the two cameras of a pair, in metres.
-const BASELINES_M: (f64, f64) = (1e-3, 10.0);
+const BASELINES_M: RangeInclusive<f64> = 1e-3..=10.0;
 /// Number of horizontal bands of a picture; each has [`TILES`] tiles whose losses are compared separately.
 const BANDS: u32 = 4;
 /// Row offsets that are tested in both directions, in pixels of the reduced size; less than one pixel of the photograph
@@ -22,12 +24,12 @@ const BANDS: u32 = 4;
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 /// Maximum offset of disparities that is tested in both directions, in pixels of the reduced size.
 const OFFSETS: i32 = 40;
-/// Minimum offset of disparities that is reported, in pixels of the photograph.
+/// Smaller offsets of disparities are not reported, in pixels of the photograph.
 const MIN_OFFSET: f64 = 2.0;
 
 /// Middle of the units tested for depth maps stored as disparities, in metres.
 const MIDDLE_UNIT_M: f64 = 0.03;
-/// Number of tested units in either direction and the ratio between them: from 0.1 mm to 10 m. A larger step would
+/// Number of units tested in either direction, then the ratio between them: from 0.1 mm to 10 m. A larger step would
 /// change disparities by too many pixels where the principal points differ much.
 const UNITS: (i32, f64) = (195, 1.03);
 /// Number of rotations of the right picture that are tested in either direction.
@@ -54,7 +56,7 @@ pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>,
     }
     let matches = Matches::new(views, effort);
     let exchanged = matches.exchanged();
-    let exchanged = exchanged.map(|evidence| format!("{EXCHANGED}: {evidence}"));
+    let exchanged = exchanged.map(|evidence| format!("{EXCHANGED} ({evidence})"));
     (exchanged, Some(matches.note()))
 }
 
@@ -62,17 +64,17 @@ const EXCHANGED: &str = "left and right are exchanged; exchange the pictures";
 
 fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Option<String> {
     let baseline_m = baseline_m(&left.camera_from_world, &right.camera_from_world);
-    if !(BASELINES_M.0..=BASELINES_M.1).contains(&baseline_m) {
+    if !BASELINES_M.contains(&baseline_m) {
         let at = median_m.map_or(String::new(), |median| {
-            format!(", and the median depth {} m", number(median))
+            format!(", with a median depth of {} m", number(median))
         });
-        let unit = if baseline_m > BASELINES_M.1 {
-            "is it in millimetres?"
+        let unit = if baseline_m > *BASELINES_M.end() {
+            "it may be in millimetres"
         } else {
-            "is it in metres already?"
+            "it may be in metres already"
         };
         return Some(format!(
-            "the baseline is {} m{at}: {unit}",
+            "the baseline of {} m is implausible{at}; {unit}",
             number(baseline_m)
         ));
     }
@@ -82,7 +84,7 @@ fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Opt
 fn same_picture(left: &View, right: &View) -> Option<String> {
     let [a, b] = [left, right].map(|view| SmallView::new(view, false, WIDEST));
     a?.has_picture_of(&b?).then(|| {
-        "the right picture is the same as the left one; put the right camera's picture in its place".to_owned()
+        "the right picture is the same as the left one; replace it with the right camera's picture".to_owned()
     })
 }
 
@@ -122,10 +124,10 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
     };
     let mismatch = || pair.mismatch(&|d| d).filter(|_| is_rectified(left, right));
     better.or_else(mismatch).or_else(out_of_range).or_else(|| {
-        let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
+        let plausible = DEPTHS_M.contains(&median_m);
         (!plausible).then(|| {
             format!(
-                "the median depth is {} m; correct the baseline's unit or the calibration's size",
+                "the median depth of {} m is implausible; correct the baseline's unit or the calibration's size",
                 number(median_m)
             )
         })
@@ -230,9 +232,9 @@ impl Pair {
         block_match::mismatch(&left, &right, &samples.collect::<Vec<_>>())
     }
 
-    /// Interpretation that explains the pictures significantly better than the pair as read. `flipped` are pairs with
-    /// flipped disparities; `full` is the photographs' size relative to the reduced ones. `has_unit` is true if a
-    /// setting gives the disparities' unit.
+    /// A sentence on the interpretation that explains the pictures significantly better than the pair as read, if any.
+    /// `flipped` are pairs with flipped disparities; `full` is the photographs' size relative to the reduced ones.
+    /// `has_unit` is true if a setting gives the disparities' unit.
     fn better(
         &self,
         flipped: &[(&str, Self)],
@@ -263,11 +265,11 @@ impl Pair {
         let mut readings = vec![
             (EXCHANGED.to_owned(), self.explained(right, &same, stride)),
             (
-                "left and right are exchanged, including the disparities; exchange both".to_owned(),
+                "left and right are exchanged, including the disparities; exchange pictures and disparities".to_owned(),
                 self.explained(left, &negated, stride),
             ),
             (
-                "the left picture's disparity is the right one's; exchange the disparities"
+                "the left picture's disparities are those of the right picture; exchange the disparities"
                     .to_owned(),
                 self.explained(right, &negated, stride),
             ),
@@ -331,8 +333,8 @@ impl Pair {
                 );
                 readings.push((
                     format!(
-                        "disparities should be {pixels} pixels {way}: the two pictures were cropped at different \
-                         columns; crop both alike"
+                        "disparities should be {pixels} pixels {way}, because the two pictures were cropped at different \
+                         columns; crop both at the same columns"
                     ),
                     fitted,
                 ));
@@ -345,7 +347,7 @@ impl Pair {
         let product = camera.fx * baseline_m / (full * MIDDLE_UNIT_M);
         let (times, reciprocal) = fit(UNITS, &|times, d| product / (times * d) - offset);
         let how = format!(
-            "the disparity map holds depth, {} m per unit; store the disparities",
+            "the disparity map holds depth, with {} m per unit; store disparities",
             number(times * MIDDLE_UNIT_M)
         );
         if is_cause(self, &reciprocal, &|d| product / (times * d) - offset) {
@@ -353,11 +355,11 @@ impl Pair {
         }
         if is_reportable(factor) && is_cause(self, &scaled, &|d| factor * d) {
             let how = format!(
-                "disparities should be multiplied by {}: they are for another picture size or in another unit; \
+                "disparities should be multiplied by {}, because they are for another picture size or in another unit; \
                  rescale them{}",
                 number(factor),
                 if has_unit {
-                    " (in rig.txt: disparity_unit)"
+                    " with disparity_unit in rig.txt"
                 } else {
                     ""
                 }
@@ -382,7 +384,7 @@ impl Pair {
                     .map_or("nothing".to_owned(), |levels| format!("{levels:.1}"))
             };
             let (before, after) = (levels(&as_read), levels(&explained));
-            format!("{how}: colours differ by {after} levels instead of {before}")
+            format!("{how} (corrected, colours differ by {after} levels instead of {before})")
         })
     }
 }

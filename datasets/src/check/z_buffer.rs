@@ -11,9 +11,9 @@ const MIN_BEYOND: f64 = 0.001;
 const DOUBLED: u32 = 9;
 /// Initial factor of the poses' translations, which corresponds to a near plane at 1 / `SCALE` metres.
 const SCALE: f64 = 30.0;
-/// Number of steps and their ratio in the search for the factor of the translations.
+/// Number of steps in the search for the factor of the translations, then the ratio between them.
 const SCALES: (i32, f64) = (15, 1.2589);
-/// Number of steps and their ratio in a refinement of the excess, and in one of the factor.
+/// Number of steps and the ratio between them, in a refinement of the excess and then in one of the factor.
 const REFINED: [(i32, f64); 2] = [(4, 1.15), (4, 1.1)];
 /// Number of refinements of both values.
 const REFINEMENTS: usize = 3;

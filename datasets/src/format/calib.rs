@@ -29,7 +29,7 @@ pub struct StereoCalibration {
 /// ignored. `doffs` (then `cx1 − cx0`) and the size may be absent.
 ///
 /// # Errors
-/// Names the key that is missing, is not a finite number, or contradicts another.
+/// If a key is missing, is not a finite number, or contradicts another; names it.
 pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     let mut entries = BTreeMap::new();
     for line in text.trim_start_matches('\u{feff}').lines() {
@@ -48,7 +48,7 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     for (name, m) in [("cam0", left), ("cam1", right)] {
         if m[0] <= 0.0 || (m[0] - m[4]).abs() > 1e-6 * m[0] {
             return Err(invalid!(
-                "{name} has focal lengths {} and {}; a rectified pair must have a single positive one",
+                "{name} has focal lengths {} and {}, but a rectified pair must have a single positive one",
                 m[0],
                 m[4]
             ));
@@ -56,7 +56,7 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     }
     if (left[0] - right[0]).abs() > 1e-6 * left[0] {
         return Err(invalid!(
-            "cam0 has focal length {} and cam1 {}; a rectified pair has one",
+            "cam0 has focal length {} and cam1 {}, but both cameras of a rectified pair have the same one",
             left[0],
             right[0]
         ));
@@ -70,12 +70,14 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     // time.
     if (doffs - center_offset).abs() > 0.01 {
         return Err(invalid!(
-            "doffs is {doffs}, but cx1 - cx0 is {center_offset}"
+            "doffs is {doffs}, but must equal cx1 - cx0, which is {center_offset}"
         ));
     }
     let baseline_mm = number("baseline", text_of("baseline")?)?;
     if baseline_mm <= 0.0 {
-        return Err(invalid!("baseline is {baseline_mm} mm"));
+        return Err(invalid!(
+            "baseline is {baseline_mm} mm, but must be above zero"
+        ));
     }
     let size = match (entries.get("width"), entries.get("height")) {
         (Some(width), Some(height)) => Some((pixels("width", width)?, pixels("height", height)?)),

@@ -9,7 +9,7 @@ use crate::DatasetError;
 use crate::files::{self, Root};
 use crate::lens::Lens;
 
-/// Cameras by their ids.
+/// Cameras, keyed by their ids.
 pub type Cameras = BTreeMap<u32, ColmapCamera>;
 
 /// A model without its points.
@@ -66,7 +66,7 @@ fn has_model(folder: &Path, extension: &str) -> bool {
     names.all(|name| folder.join(format!("{name}.{extension}")).is_file())
 }
 
-/// Binary if both kinds are complete (as in COLMAP), or neither is.
+/// The kind of files to read, `bin` or `txt`: binary if both kinds are complete (as in COLMAP), or neither is.
 fn kind(folder: &Path) -> &'static str {
     let only_text = has_model(folder, "txt") && !has_model(folder, "bin");
     if only_text { "txt" } else { "bin" }

@@ -16,7 +16,7 @@ const MAX_PARAMS: usize = 32;
 /// makes the last record end with the file.
 ///
 /// # Errors
-/// Truncated file, more records than the bytes can contain, or camera models of unknown length.
+/// If the file is truncated, states more records than its bytes can contain, or has camera models of unknown length.
 pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     let mut unknown = None;
     let known = cameras_with(bytes, &mut |model| {
@@ -82,7 +82,7 @@ fn cameras_with(
 /// Parses `images.bin`.
 ///
 /// # Errors
-/// Truncated file, or more records than the bytes can contain.
+/// If the file is truncated, or states more records than its bytes can contain.
 pub fn images(bytes: &[u8]) -> Result<Vec<ColmapImage>, FormatError> {
     let mut reader = RecordReader { rest: bytes };
     let count = reader.count(73)?;
@@ -111,7 +111,7 @@ pub fn images(bytes: &[u8]) -> Result<Vec<ColmapImage>, FormatError> {
 /// Parses `points3D.bin`.
 ///
 /// # Errors
-/// Truncated file, or more records than the bytes can contain.
+/// If the file is truncated, or states more records than its bytes can contain.
 pub fn points(bytes: &[u8]) -> Result<Vec<ColmapPoint>, FormatError> {
     let mut reader = RecordReader { rest: bytes };
     let count = reader.count(51)?;

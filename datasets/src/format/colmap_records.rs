@@ -58,5 +58,5 @@ pub(super) fn size(width: u64, height: u64) -> Result<(u32, u32), FormatError> {
     let side = |n: u64| u32::try_from(n).ok().filter(|n| *n > 0);
     side(width)
         .zip(side(height))
-        .ok_or_else(|| invalid!("a camera is {width}x{height} pixels"))
+        .ok_or_else(|| invalid!("a camera has an invalid size, {width}x{height} pixels"))
 }

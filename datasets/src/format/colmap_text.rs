@@ -11,7 +11,7 @@ use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
 /// Parses `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
 ///
 /// # Errors
-/// The line number and what is wrong with the line.
+/// If a line is invalid; states its number and what is wrong with it.
 pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     let mut cameras = BTreeMap::new();
     for (number, line) in records(text) {
@@ -31,7 +31,7 @@ pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
 /// were removed from the file.
 ///
 /// # Errors
-/// The line number and what is wrong with the line.
+/// If a line is invalid; states its number and what is wrong with it.
 pub fn images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate().peekable();
@@ -48,7 +48,7 @@ pub fn images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
         };
         if !is_void(line) && RecordLine::new(number, line).next::<f64>("x").is_err() {
             return Err(invalid!(
-                "line {}: neither an image nor the observations of the one before",
+                "line {}: neither an image nor the observations of the image before it",
                 number + 1
             ));
         }
@@ -86,7 +86,7 @@ fn is_track(line: &str) -> bool {
 /// Parses `points3D.txt`: `ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)…`.
 ///
 /// # Errors
-/// The line number and what is wrong with the line.
+/// If a line is invalid; states its number and what is wrong with it.
 pub fn points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
     records(text)
         .map(|(number, line)| {
@@ -135,7 +135,7 @@ impl<'a> RecordLine<'a> {
         let (word, rest) = rest.split_at(end);
         self.rest = rest;
         if word.is_empty() {
-            return Err(invalid!("line {}: no {what}", self.number + 1));
+            return Err(invalid!("line {}: the {what} is missing", self.number + 1));
         }
         Ok(word)
     }
@@ -143,7 +143,7 @@ impl<'a> RecordLine<'a> {
     fn next<T: FromStr>(&mut self, what: &str) -> Result<T, FormatError> {
         let word = self.word(what)?;
         word.parse()
-            .map_err(|_| invalid!("line {}: {what} is '{word}'", self.number + 1))
+            .map_err(|_| invalid!("line {}: '{word}' is not a valid {what}", self.number + 1))
     }
 
     fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, FormatError> {
@@ -198,15 +198,21 @@ mod tests {
     #[test]
     fn errors_carry_the_line() {
         for (error, reason) in [
-            (cameras("\n1 PINHOLE 640").unwrap_err(), "line 2: no height"),
-            (cameras("1 PINHOLE 640 x").unwrap_err(), "height is 'x'"),
+            (
+                cameras("\n1 PINHOLE 640").unwrap_err(),
+                "line 2: the height is missing",
+            ),
+            (
+                cameras("1 PINHOLE 640 x").unwrap_err(),
+                "'x' is not a valid height",
+            ),
             (cameras("1 PINHOLE 0 4 1").unwrap_err(), "0x4"),
             (images("1 1 0 0 0 0 0 0 1\n").unwrap_err(), "no name"),
             (
                 images("1 1 0 0 0 0 0 zero 1 a").unwrap_err(),
-                "pose is 'zero'",
+                "'zero' is not a valid pose",
             ),
-            (points("1 2 3").unwrap_err(), "no coordinate"),
+            (points("1 2 3").unwrap_err(), "the coordinate is missing"),
         ] {
             assert!(error.to_string().contains(reason), "{error}");
         }

@@ -21,7 +21,7 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
             FloatMap::from_vec(width, height, values).ok_or_else(|| "too large".into())
         }
         _ => Err(invalid!(
-            "a depth map must be 16-bit gray; this picture's pixels are {:?}",
+            "a depth map must be 16-bit gray, but this picture's pixels are {:?}",
             picture.header.color
         )),
     }
@@ -30,7 +30,7 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
 /// Writes integers as a 16-bit grey PNG; values are rounded and clamped.
 ///
 /// # Errors
-/// [`DatasetError::Malformed`] if it cannot be written.
+/// If the file cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     let levels = map.iter().flat_map(|v| (v.round() as u16).to_ne_bytes());
     let levels: Vec<u8> = levels.collect();

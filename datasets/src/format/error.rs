@@ -9,7 +9,7 @@ use crate::lens::LensError;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FormatError {
     /// The file has less data than its header states.
-    #[error("{what} takes {needed} bytes; only {available} follow the header (truncated?)")]
+    #[error("{what} takes {needed} bytes, but only {available} follow the header (truncated?)")]
     Truncated {
         what: String,
         needed: u128,

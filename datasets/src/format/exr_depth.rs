@@ -15,7 +15,7 @@ use crate::DatasetError;
 /// Reads the first layer that has a depth channel; values are returned as stored.
 ///
 /// # Errors
-/// Not EXR, no such channel, damaged, or larger than a file of this length can contain.
+/// If the file is not EXR, has no such channel, is damaged, or states a size that a file of its length cannot contain.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     size(bytes)?;
     let image = exr_reader()
@@ -50,14 +50,14 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
             .and_then(|(w, h)| FloatMap::from_vec(w, h, values))
             .ok_or_else(|| "the depth channel is subsampled".into());
     }
-    Err("no channel named Z, depth, V or Y, and more than one channel".into())
+    Err("there are several channels, none of which is named Z, depth, V or Y".into())
 }
 
 /// Width and height of the largest layer, from the header.
 ///
 /// # Errors
-/// Not EXR, larger than a file of this length can contain, or more samples than four pictures of the maximum camera
-/// size.
+/// If the file is not EXR, states a size that a file of its length cannot contain, or has more samples than four
+/// pictures of the maximum camera size.
 pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     let meta =
         MetaData::read_from_buffered(Cursor::new(bytes), true).map_err(|e| invalid!("{e}"))?;
@@ -86,7 +86,7 @@ pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
 /// Writes a map as channel Z of an EXR file.
 ///
 /// # Errors
-/// [`DatasetError::Malformed`] if it cannot be written.
+/// If the file cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     use exr::prelude::{
         AnyChannel, AnyChannels, Encoding, Image, Layer, LayerAttributes, SmallVec,

@@ -9,7 +9,7 @@ use super::FormatError;
 /// Parses JSON, replacing `NaN`, `Infinity` and `-Infinity` with `null` and ignoring commas before a closing bracket.
 ///
 /// # Errors
-/// What is wrong, with line and column.
+/// If the text is not JSON; states the line and column.
 pub fn parse(text: &str) -> Result<Value, FormatError> {
     serde_json::from_str(&strict(text)).map_err(|e| invalid!("not JSON: {e}"))
 }

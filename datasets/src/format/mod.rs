@@ -11,7 +11,7 @@
 //! * [`picture`]: photographs, as 8-bit RGB.
 //! * [`ply_points`]: points and triangles.
 //! * [`raw_floats`]: bare f32 values.
-//! * [`trajectory`]: poses by frame number.
+//! * [`trajectory`]: numbered poses.
 //! * [`transforms`][]: `transforms.json`.
 
 /// Shorthand for [`FormatError::Invalid`] with a formatted reason.

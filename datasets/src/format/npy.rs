@@ -28,11 +28,11 @@ impl NpyArray {
     /// Converts the array to a map; dimensions of extent 1 before and after height and width are dropped.
     ///
     /// # Errors
-    /// The reason, if more than two dimensions remain, or a side is zero or too large.
+    /// If more than two dimensions remain, or a side is zero or too large.
     pub fn into_map(self) -> Result<FloatMap, FormatError> {
         let (width, height) = map_size(&self.shape)?;
         FloatMap::from_vec(width, height, self.values)
-            .ok_or_else(|| invalid!("the array's shape is {:?}, too large", self.shape))
+            .ok_or_else(|| invalid!("the array's shape {:?} is too large", self.shape))
     }
 }
 
@@ -47,20 +47,20 @@ fn map_size(shape: &[usize]) -> Result<(u32, u32), FormatError> {
     }
     let &[height, width] = sides else {
         return Err(invalid!(
-            "the array's shape is {shape:?}; a map has height and width"
+            "the array's shape is {shape:?}, but a map has two dimensions, height and width"
         ));
     };
     let side = |n: usize| u32::try_from(n).ok().filter(|n| *n > 0);
     let sides = side(width).zip(side(height));
-    sides.ok_or_else(|| invalid!("the array's shape is {shape:?}, without a pixel"))
+    sides.ok_or_else(|| invalid!("the array's shape is {shape:?}, so it has no pixels"))
 }
 
 /// Reads an array of any shape from an `.npy` file, or the only one in an `.npz` (if there are several: `arr_0`,
 /// `depth` or `disp`).
 ///
 /// # Errors
-/// Not a NumPy file, an object array (which would require unpickling and is never read), or fewer values than the shape
-/// requires.
+/// If it is not a NumPy file, is an object array (which would require unpickling and is never read), or has fewer
+/// values than its shape requires.
 pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     if bytes.starts_with(b"PK") {
         parse_array(&unpacked(bytes, u64::MAX)?)
@@ -82,7 +82,7 @@ pub(super) fn archived_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
 /// The first `most` bytes of an archive's array. If that is the whole array, its length is checked.
 fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     let refused =
-        |_: ZipError| FormatError::from("not a readable ZIP archive: truncated, or damaged?");
+        |_: ZipError| FormatError::from("not a readable ZIP archive (truncated or damaged?)");
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(refused)?;
     let names = archive.file_names().filter_map(Result::ok);
     let names = names.filter(|name| name.ends_with(".npy"));
@@ -96,7 +96,7 @@ fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
             .find(|name| several.contains(name))
             .ok_or_else(|| {
                 let first = several[..several.len().min(8)].join(", ");
-                invalid!("the archive contains several arrays: {first}")
+                invalid!("the archive contains several arrays ({first}), and none is named arr_0, depth or disp")
             })?,
     };
     let member = archive.by_name(name).map_err(refused)?;
@@ -104,12 +104,14 @@ fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     let damaged = |why: &dyn Display| invalid!("the archive's member '{name}' is damaged: {why}");
     // Deflate cannot compress by a larger factor.
     if size / 1032 > packed.min(bytes.len() as u64) {
-        return Err(damaged(&format_args!("{packed} bytes cannot hold {size}")));
+        return Err(damaged(&format_args!(
+            "its {packed} compressed bytes cannot hold {size} bytes"
+        )));
     }
     let mut array = Vec::new();
     // Reading to the end also verifies the checksum.
     let read = member.take(most.min(size + 1)).read_to_end(&mut array);
-    read.map_err(|_| damaged(&"it cannot be unpacked; truncated?"))?;
+    read.map_err(|_| damaged(&"it cannot be unpacked (truncated?)"))?;
     if most > size && array.len() as u64 != size {
         return Err(damaged(&format_args!("it should have {size} bytes")));
     }
@@ -126,9 +128,9 @@ struct NpyHeader<'a> {
 
 impl<'a> NpyHeader<'a> {
     fn parse(bytes: &'a [u8]) -> Result<Self, FormatError> {
-        let rest = bytes
-            .strip_prefix(b"\x93NUMPY")
-            .ok_or("not a NumPy array: the first bytes are not its magic number")?;
+        let rest = bytes.strip_prefix(b"\x93NUMPY").ok_or(
+            "not a NumPy array, because the file does not start with NumPy's magic number",
+        )?;
         let short = || "the header ends early".to_owned();
         let (length, start) = match *rest.first().ok_or_else(short)? {
             1 => {
@@ -139,7 +141,11 @@ impl<'a> NpyHeader<'a> {
                 let b = rest.get(2..6).ok_or_else(short)?;
                 (u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize, 6)
             }
-            other => return Err(invalid!("version {other} of NumPy's format is not known")),
+            other => {
+                return Err(invalid!(
+                    "version {other} of NumPy's format is not supported"
+                ));
+            }
         };
         let header = rest
             .get(start..)
@@ -305,7 +311,7 @@ impl NpyType {
 /// Writes a map as a little-endian f32 `.npy` of shape (height, width).
 ///
 /// # Errors
-/// [`DatasetError::Io`].
+/// If the file cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     std::fs::write(path, to_bytes(map)).map_err(|e| DatasetError::io(path, e))
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::FormatError;
 
-/// Top level of a storage: values by element name.
+/// Top level of a storage: values, keyed by the name of their element.
 pub type FileStorage = BTreeMap<String, Node>;
 
 /// A value in a storage.
@@ -17,14 +17,15 @@ pub enum Node {
         cols: usize,
         data: Vec<f64>,
     },
-    /// Anything else.
+    /// Any other element, as text.
     Text(String),
 }
 
 /// Parses a storage.
 ///
 /// # Errors
-/// Malformed XML, a document type (which no camera file needs), or a matrix whose entries do not match its size.
+/// If the XML is malformed or has a document type (which no camera file needs), or the entries of a matrix do not match
+/// its size.
 pub fn parse(text: &str) -> Result<FileStorage, FormatError> {
     if text.trim_start().starts_with("%YAML") {
         let reason = "this is OpenCV's YAML form; only the XML form is read";
@@ -55,12 +56,12 @@ fn node(element: roxmltree::Node<'_, '_>) -> Result<Node, FormatError> {
     let side = |side: roxmltree::Node<'_, '_>| {
         let (what, text) = (side.tag_name().name(), text_of(side));
         let side = text.trim().parse::<usize>();
-        side.map_err(|_| invalid!("<{what}> of {name} is '{}'", text.trim()))
+        side.map_err(|_| invalid!("<{what}> of {name} is '{}', not a count", text.trim()))
     };
     let (rows, cols) = (side(rows)?, side(cols)?);
     let data = text_of(data)
         .split_ascii_whitespace()
-        .map(|t| number(t).ok_or_else(|| invalid!("{name} contains '{t}'")))
+        .map(|t| number(t).ok_or_else(|| invalid!("{name} contains '{t}', which is not a number")))
         .collect::<Result<Vec<_>, _>>()?;
     if rows.checked_mul(cols) != Some(data.len()) {
         let entries = data.len();

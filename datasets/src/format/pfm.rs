@@ -10,7 +10,7 @@ use crate::DatasetError;
 /// bytes after the last value are ignored.
 ///
 /// # Errors
-/// An invalid header, fewer bytes than the header requires, or three different channels.
+/// If the header is invalid, there are fewer bytes than it requires, or the three channels differ.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     let mut header = PfmHeader { bytes, at: 0 };
     let channels: usize = match header.token().as_deref() {
@@ -28,10 +28,12 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     let height: u32 = header.number("height")?;
     let scale: f64 = header.number("scale")?;
     if width == 0 || height == 0 {
-        return Err(invalid!("the map is {width}x{height}, without a pixel"));
+        return Err(invalid!("the map is {width}x{height}, so it has no pixels"));
     }
     if scale == 0.0 || !scale.is_finite() {
-        return Err(invalid!("the scale is {scale}; its sign is the byte order"));
+        return Err(invalid!(
+            "the scale is {scale}, but it must be finite and non-zero, because its sign gives the byte order"
+        ));
     }
 
     let values = u64::from(width) * u64::from(height) * channels as u64;
@@ -59,7 +61,7 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
             false => ("big", "little"),
         };
         return Err(invalid!(
-            "its scale {scale} says that it is {said}-endian, but its values are sensible only as {other}-endian: write \
+            "its scale {scale} says that it is {said}-endian, but its values are sensible only as {other}-endian; write \
              the scale {} into the header",
             -scale
         ));
@@ -73,7 +75,7 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
         for (value, pixel) in into.iter_mut().zip(from.chunks_exact(channels)) {
             if pixel.iter().any(|c| c.to_bits() != pixel[0].to_bits()) {
                 return Err(
-                    "the three channels differ: this is a colour map, not a depth or \
+                    "the three channels differ, so this is a colour map, not a depth or \
                             disparity map"
                         .into(),
                 );
@@ -87,12 +89,12 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
 /// Writes a one-channel little-endian PFM file.
 ///
 /// # Errors
-/// [`DatasetError::Io`].
+/// If the file cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     std::fs::write(path, bytes(map)).map_err(|e| DatasetError::io(path, e))
 }
 
-/// A one-channel little-endian PFM file.
+/// Contents of a one-channel little-endian PFM file.
 pub fn bytes(map: &FloatMap) -> Vec<u8> {
     let mut bytes = format!("Pf\n{} {}\n-1\n", map.width(), map.height()).into_bytes();
     for row in map.chunks_exact(map.width().max(1) as usize).rev() {
@@ -137,7 +139,7 @@ impl<'a> PfmHeader<'a> {
             .ok_or_else(|| invalid!("the header ends before the {what}"))?;
         token
             .parse()
-            .map_err(|_| invalid!("the {what} in the header is '{token}'"))
+            .map_err(|_| invalid!("the {what} in the header is not valid: '{token}'"))
     }
 
     /// The data after the header, which ends with one byte of white space or with CR LF. The number of bytes needed
@@ -235,8 +237,8 @@ mod tests {
             (b"".as_slice(), "empty"),
             (b"P5\n2 2\n255\n", "starts with 'P5'"),
             (b"Pf\n2", "before the height"),
-            (b"Pf\n2 -2\n-1\n", "height in the header is '-2'"),
-            (b"Pf\n0 2\n-1\n", "without a pixel"),
+            (b"Pf\n2 -2\n-1\n", "height in the header is not valid: '-2'"),
+            (b"Pf\n0 2\n-1\n", "so it has no pixels"),
             (b"Pf\n2 2\n0\n", "byte order"),
             (
                 b"PF\n1 1\n-1\n\0\0\0\0\0\0\x80\x3f\0\0\0\0",

@@ -54,7 +54,7 @@ pub fn read_mask(path: &Path, white: u8) -> Result<GrayImage, DatasetError> {
                  keep and 0 elsewhere"
             ),
             None => format!(
-                "its maximum level is {highest}, but a mask has levels 0 and 255; multiply it by {:.4}",
+                "its maximum level is {highest}, but a mask has levels 0 and 255; multiply its levels by {:.4}",
                 255.0 / f64::from(*highest)
             ),
         }),

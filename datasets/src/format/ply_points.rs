@@ -17,7 +17,8 @@ pub struct Geometry {
 /// Parses a PLY file.
 ///
 /// # Errors
-/// Not PLY, no vertices with x, y, z, fewer bytes than the header requires, or a face that refers to a missing vertex.
+/// If it is not a PLY file, has no vertices with x, y and z, has fewer bytes than the header requires, or a face refers
+/// to a missing vertex.
 pub fn parse(bytes: &[u8]) -> Result<Geometry, FormatError> {
     let (header, mut body) = Header::parse(bytes)?;
     let mut geometry = Geometry::default();
@@ -70,11 +71,16 @@ fn read_faces(
     body.rows(element, |row| {
         let corners = list.map_or(&[][..], |list| row.property(list));
         if corners.len() > MAX_CORNERS {
-            return Err(invalid!("a face has {} corners", corners.len()));
+            return Err(invalid!(
+                "a face has {} corners, but at most {MAX_CORNERS} are supported",
+                corners.len()
+            ));
         }
         let range = 0.0..=f64::from(u32::MAX);
         if let Some(corner) = corners.iter().find(|i| !range.contains(*i)) {
-            return Err(invalid!("a face names vertex {corner}"));
+            return Err(invalid!(
+                "a face refers to vertex {corner}, which cannot exist"
+            ));
         }
         for pair in corners.get(1..).unwrap_or_default().windows(2) {
             triangles.push([corners[0], pair[0], pair[1]].map(|i| i as u32));

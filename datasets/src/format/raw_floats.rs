@@ -8,7 +8,7 @@ use super::{FloatMap, FormatError, is_byte_swapped};
 /// Reads `width · height` values; gzip-compressed files are decompressed. +inf means no depth.
 ///
 /// # Errors
-/// The expected length, if the data has another length.
+/// If the data does not have exactly that length, or only makes sense in the other byte order.
 pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, FormatError> {
     let expected = u64::from(width) * u64::from(height) * 4;
     let mut unpacked = Vec::new();
@@ -23,7 +23,7 @@ pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, Form
     };
     if bytes.len() as u64 != expected {
         return Err(invalid!(
-            "has {} bytes; the depth of a {width}x{height} picture takes exactly {expected}",
+            "has {} bytes, but the depth of a {width}x{height} picture takes exactly {expected}",
             bytes.len()
         ));
     }
@@ -32,7 +32,7 @@ pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, Form
         .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
         .collect();
     if is_byte_swapped(&values) {
-        return Err("its values are sensible only as big-endian: write them little-endian".into());
+        return Err("its values are sensible only as big-endian; write them little-endian".into());
     }
     FloatMap::from_vec(width, height, values).ok_or_else(|| "the size overflows".into())
 }

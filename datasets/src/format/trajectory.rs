@@ -22,8 +22,8 @@ pub struct NumberedPose {
 pub struct Log {
     /// Indices of all blocks, in order; 0 belongs to the first picture.
     pub blocks: Vec<i64>,
-    /// Poses by block index, in order. Blocks whose second number is −1 represent pictures without a pose and are
-    /// omitted.
+    /// Poses, sorted by the index of their block. Blocks whose second number is −1 represent pictures without a pose
+    /// and are omitted.
     pub poses: Vec<NumberedPose>,
 }
 
@@ -32,7 +32,7 @@ pub struct Log {
 /// blocks are numbered from 0 instead.
 ///
 /// # Errors
-/// An incomplete block, something that is not a number, or an index that is negative or repeated.
+/// If a block is incomplete, something is not a number, or an index is negative or repeated.
 pub fn parse_log(text: &str) -> Result<Log, FormatError> {
     let numbers = numbers(text)?;
     let mut blocks = Vec::new();
@@ -54,7 +54,9 @@ pub fn parse_log(text: &str) -> Result<Log, FormatError> {
         let index = if says_nothing { i as f64 } else { block[0] };
         // Beyond 2^53, f64 cannot represent every integer.
         if !(0.0..=9e15).contains(&index) {
-            return Err(invalid!("block {i} states the index {index}"));
+            return Err(invalid!(
+                "block {i} states the index {index}, which is negative or too large"
+            ));
         }
         if by_index.insert(index as i64, block).is_some() {
             return Err(invalid!("two blocks state the index {index}"));
@@ -76,7 +78,7 @@ pub fn parse_log(text: &str) -> Result<Log, FormatError> {
 /// Parses a `cam_poses.txt`: a frame number and a 4×4 matrix per row.
 ///
 /// # Errors
-/// Names the row that does not have 17 numbers.
+/// If a row does not have 17 numbers; names it.
 pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, FormatError> {
     text.lines()
         .enumerate()
@@ -85,7 +87,7 @@ pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, FormatError> {
             let row = numbers(line).map_err(|e| invalid!("row {}: {e}", i + 1))?;
             if row.len() != 17 || row[0].fract() != 0.0 {
                 return Err(invalid!(
-                    "row {} has {} numbers; expected a frame number and 16 of its pose",
+                    "row {} has {} numbers; expected 17, an integer frame number and the 16 of its pose",
                     i + 1,
                     row.len()
                 ));
@@ -110,13 +112,13 @@ impl SimilarityTransform {
     /// Creates a similarity from a row-major 4×4 matrix.
     ///
     /// # Errors
-    /// The reason, if the matrix is not finite, not affine, mirroring, or not a rotation times a scale.
+    /// If the matrix is not finite, not affine, mirroring, or not a rotation times a scale.
     pub fn from_row_major(m: &[f64; 16]) -> Result<Self, FormatError> {
         let affine = affine_from_row_major(m).map_err(|e| invalid!("{e}"))?;
         let determinant = affine.matrix3.determinant();
         if determinant <= 0.0 || !determinant.is_finite() {
             return Err(invalid!(
-                "the determinant of the similarity is {determinant}, not above zero"
+                "the determinant of the similarity is {determinant}, but must be above zero"
             ));
         }
         let scale = determinant.cbrt();
@@ -144,10 +146,10 @@ impl SimilarityTransform {
 /// Parses a `_trans.txt`: a 4×4 similarity.
 ///
 /// # Errors
-/// Not 16 numbers, or not a similarity.
+/// If there are not 16 numbers, or they are not a similarity.
 pub fn parse_similarity(text: &str) -> Result<SimilarityTransform, FormatError> {
     let row = <[f64; 16]>::try_from(numbers(text)?);
-    let row = row.map_err(|row| invalid!("{} numbers instead of 16", row.len()))?;
+    let row = row.map_err(|row| invalid!("there are {} numbers instead of 16", row.len()))?;
     SimilarityTransform::from_row_major(&row)
 }
 

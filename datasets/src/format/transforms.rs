@@ -69,8 +69,8 @@ const INTRINSIC_KEYS: [&str; 18] = [
 /// Parses a `transforms.json`.
 ///
 /// # Errors
-/// Not JSON, no frames, or a frame without a path or with a matrix of another shape. A pose that is
-/// not finite or not rigid is no error here; its frame records it.
+/// If it is not JSON, has no frames, or a frame has no path or a matrix of another shape. A pose that is not finite or
+/// not rigid is no error here; its frame records it.
 pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     let document = lenient_json::parse(text)?;
     let top = document
@@ -93,7 +93,7 @@ pub fn parse(text: &str) -> Result<Transforms, FormatError> {
         Some(value) => value
             .as_f64()
             .filter(|s| *s > 0.0)
-            .ok_or_else(|| invalid!("applied_scale is {value}"))?,
+            .ok_or_else(|| invalid!("applied_scale is {value}, not a number above zero"))?,
     };
     Ok(Transforms {
         frames: read(frames)?,
@@ -194,7 +194,7 @@ impl JsonFrame {
     /// Width and height, if stated.
     ///
     /// # Errors
-    /// The reason, if they are not valid pixel counts (integers may be written as floats).
+    /// If they are not valid pixel counts (integers may be written as floats).
     pub fn size(&self) -> Result<Option<(u32, u32)>, FormatError> {
         let side = |key: &str| match self.intrinsics.number(key)? {
             None => Ok(None),
@@ -206,7 +206,7 @@ impl JsonFrame {
         Ok(side("w")?.zip(side("h")?))
     }
 
-    /// The camera for a picture of this size.
+    /// The camera for a picture of the given `size`.
     ///
     /// # Errors
     /// [`FormatError::Lens`] for an unknown camera model or invalid intrinsics, [`FormatError::Invalid`] if there is no
@@ -220,8 +220,8 @@ impl JsonFrame {
             }
             match raw.number(angle_key)? {
                 Some(angle) if !(angle > 0.0 && angle < std::f64::consts::PI) => Err(invalid!(
-                    "'{angle_key}' is {angle}, but angles of view are in radians, between 0 and 3.14; in degrees it \
-                     would be {:.4}",
+                    "'{angle_key}' is {angle}, but angles of view are in radians, between 0 and 3.14; if it is in \
+                     degrees, write {:.4}",
                     angle.to_radians()
                 )),
                 angle => Ok(angle.map(|angle| 0.5 * side / (0.5 * angle).tan())),
@@ -233,7 +233,7 @@ impl JsonFrame {
             (Some(fx), Some(fy)) => (fx, fy),
             (Some(f), None) | (None, Some(f)) => (f, f),
             (None, None) => {
-                return Err("neither 'fl_x' nor 'camera_angle_x': no focal length".into());
+                return Err("there is no focal length, neither 'fl_x' nor 'camera_angle_x'".into());
             }
         };
         let center = (

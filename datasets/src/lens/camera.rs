@@ -10,7 +10,7 @@ use super::{Distortion, LensError};
 pub struct Lens {
     intrinsics: Intrinsics,
     distortion: Distortion,
-    /// See [`Distortion::fold_radius`].
+    /// Radius within which the model does not fold back; see [`Distortion::fold_radius`].
     fold_radius: f64,
 }
 
@@ -18,8 +18,8 @@ impl Lens {
     /// Creates a camera from COLMAP's model name and parameters in COLMAP's order.
     ///
     /// # Errors
-    /// [`LensError::UnsupportedModel`], [`LensError::ParameterCount`], [`LensError::NotFinite`],
-    /// [`LensError::OutOfRange`], [`LensError::Camera`] for invalid intrinsics.
+    /// If the model is not supported, or its parameters have the wrong number, are not finite or are out of range, or
+    /// the intrinsics are invalid.
     pub fn from_colmap(model: &str, size: (u32, u32), params: &[f64]) -> Result<Self, LensError> {
         let name = || model.to_owned();
         let mut known = COLMAP_MODELS

@@ -298,7 +298,7 @@ impl ScanNetPpReader<'_> {
         }
         let hint = match choice {
             "all" => String::new(),
-            other => format!("; pictures read: frames={other}"),
+            other => format!("; only the pictures of frames={other} are read"),
         };
         scene.finish_with_views(name.to_owned(), &hint)
     }
@@ -332,7 +332,7 @@ enum DepthFrom {
     None,
     Rendered(PathBuf),
     Mesh(ScanFile),
-    /// Points, and the ids of the model's images by name.
+    /// Points, and the ids of the model's images, keyed by the frame's id.
     Points(PointTracks, Vec<(String, u32)>),
 }
 
@@ -341,14 +341,16 @@ impl DepthFrom {
     fn note(&self, has_depth: bool, setting: &str) -> Option<&'static str> {
         Some(match (self, setting) {
             (Self::Rendered(_), _) if has_depth => "dslr/render_depth, rendered by the toolbox",
-            (Self::Rendered(_), _) => "none, no map of these pictures in dslr/render_depth",
+            (Self::Rendered(_), _) => {
+                "none, because dslr/render_depth has no map of these pictures"
+            }
             (Self::Mesh(_), _) => "scans/mesh_aligned_0.05.ply, rendered by sharp-bench",
             (Self::Points(..), _) => "COLMAP's points that each picture sees",
             (Self::None, "none") => return None,
-            (Self::None, "rendered") => "none, there is no dslr/render_depth",
+            (Self::None, "rendered") => "none, because there is no dslr/render_depth",
             (Self::None, _) => {
-                "neither dslr/render_depth nor scans/mesh_aligned_0.05.ply, so the views have no \
-                 depth; depth=points takes COLMAP's points"
+                "there is neither dslr/render_depth nor scans/mesh_aligned_0.05.ply, so the views have \
+                 no depth; depth=points would read COLMAP's points"
             }
         })
     }

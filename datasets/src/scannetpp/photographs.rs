@@ -63,8 +63,8 @@ impl DslrPhotographs {
             }
             let fisheye = if depth_in_fisheye {
                 if !fisheye_json.is_file() {
-                    let remedy = "dslr/render_depth was rendered with its cameras: add it (it \
-                                  is in the download's nerfstudio/), or set depth=mesh, points or \
+                    let remedy = "dslr/render_depth was rendered with its cameras, so either add it (it \
+                                  is in the download's nerfstudio/) or set depth=mesh, points or \
                                   none";
                     return Err(missing(&fisheye_json, remedy));
                 }
@@ -84,8 +84,8 @@ impl DslrPhotographs {
             })
         } else {
             if !fisheye_json.is_file() {
-                let remedy = "it contains the cameras of the fisheye pictures: add it (it is in the download's \
-                              nerfstudio/), or the toolbox's undistorted pictures with \
+                let remedy = "it contains the cameras of the fisheye pictures, so add either it (it is in the \
+                              download's nerfstudio/) or the toolbox's undistorted pictures with \
                               nerfstudio/transforms_undistorted.json, which do not need it";
                 return Err(missing(&fisheye_json, remedy));
             }

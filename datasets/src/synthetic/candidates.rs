@@ -16,7 +16,7 @@ const LAMP_CELLS: usize = 12;
 /// A bundle of rays from one point, between four planes.
 pub(super) struct Wedge {
     apex: DVec3,
-    /// Unit normals, pointing inwards.
+    /// Unit normals of the four planes, pointing inwards.
     normals: [DVec3; 4],
 }
 

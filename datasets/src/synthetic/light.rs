@@ -88,7 +88,7 @@ impl Sky {
         }
     }
 
-    /// Radiance without the sun's disc.
+    /// Radiance from a direction, without the sun's disc.
     fn scattered(&self, direction: DVec3) -> DVec3 {
         let Self::Sunlit {
             above,

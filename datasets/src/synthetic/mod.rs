@@ -1,12 +1,11 @@
 //! A procedural scene, ray-cast in f64: photographs, exact depth and exact visibility.
 //!
-//! Textured planes, boxes, spheres, thin poles and wires, an occluder close to the cameras, and a
-//! sky without depth, seen by concentric rings of cameras, no two of which are more than 60 cm
-//! apart (the rig of the paper's synthetic data). A seed determines everything.
+//! Textured planes, boxes, spheres, thin poles and wires, an occluder close to the cameras, and a sky without depth,
+//! seen by concentric rings of cameras, no two of which are more than 60 cm apart (the rig of the paper's synthetic
+//! data). A seed determines everything.
 //!
-//! Only additions, multiplications, divisions, square roots and integer hashes are used, all of
-//! which are exactly defined (by IEEE 754), so pictures and depths are the same on every machine
-//! and for any number of threads.
+//! Only additions, multiplications, divisions, square roots and integer hashes are used, all of which are exactly
+//! defined (by IEEE 754), so pictures and depths are the same on every machine and for any number of threads.
 //!
 //! * `arithmetic`: replacements for the few libm functions needed.
 //! * `shapes`: rectangles, boxes, spheres, cylinders, and their intersections with rays.
@@ -79,8 +78,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::choice(
             "world",
-            "kind of world (classic: a fixed layout; varied: everything from the seed; reflective: varied, with mirrors \
-             and glass)",
+            "kind of world",
             &[
                 choice(
                     "classic",
@@ -104,7 +102,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             &[
                 choice(
                     "none",
-                    "cameras on rings around the first one, all pairs by overlap",
+                    "cameras on rings around the first one; all pairs with enough overlap",
                 ),
                 choice("translation", "the target's camera moves to the right"),
                 choice(
@@ -120,7 +118,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "step",
-            "size of a sweep's steps, which are one fewer than its views: metres (auto: 0.05; at most 10 in \
+            "size of each step of a sweep, which has one step fewer than views: in metres (auto: 0.05; at most 10 in \
              total), degrees (auto: 2; at most 90 in total) or posts (auto: 1; at most 15 in total)",
             "auto",
         ),

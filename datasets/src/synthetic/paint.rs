@@ -38,7 +38,7 @@ enum Pattern {
 #[derive(Debug, Clone)]
 pub(super) struct Paint {
     seed: u64,
-    /// Albedo, 0..1.
+    /// The two colours of the pattern: albedo, 0..1 per channel.
     colors: [DVec3; 2],
     pattern: Pattern,
     /// Size of the pattern's elements in metres.
@@ -313,7 +313,7 @@ fn lattice(seed: u64, i: i64, j: i64) -> f64 {
     unit(z ^ (z >> 32))
 }
 
-/// 3t² − 2t³.
+/// Smooth step from 0 at t = 0 to 1 at t = 1: 3t² − 2t³.
 fn smooth(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }

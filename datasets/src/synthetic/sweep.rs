@@ -30,7 +30,7 @@ pub(super) enum SweepKind {
 }
 
 impl SweepKind {
-    /// The sweep requested by a spec; `None` for the rings.
+    /// The sweep that `spec` requests; `None` for the rings.
     ///
     /// # Errors
     /// [`DatasetError::Spec`] for an invalid step.
@@ -89,7 +89,7 @@ impl SweepKind {
         let count = options.views - 1;
         if step * count as f64 > most {
             return Err(refuse(format!(
-                "a sweep of {count} steps of that size goes beyond {most} {unit}: fewer views or a smaller step"
+                "a sweep of {count} steps of that size goes beyond {most} {unit}; use fewer views or a smaller step"
             )));
         }
         let view = |world: &Arc<World>, step: usize, pose| {

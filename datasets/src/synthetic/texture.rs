@@ -51,7 +51,7 @@ impl Texture {
         }
     }
 
-    /// Albedo, 0..1 per channel.
+    /// Albedo at the point where a ray hits the surface, 0..1 per channel.
     pub(super) fn color(&self, meeting: &Meeting) -> DVec3 {
         let p = meeting.local / self.scale;
         let (u, v) = match meeting.across {
@@ -119,7 +119,7 @@ fn value_noise(seed: u64, point: DVec3) -> f64 {
     lerp(layer(0), layer(1), blend.z)
 }
 
-/// 3t² − 2t³.
+/// Smooth step from 0 at t = 0 to 1 at t = 1: 3t² − 2t³.
 fn smooth(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }

@@ -68,9 +68,9 @@ impl Object {
 pub(super) struct World {
     objects: Vec<Object>,
     light: Light,
-    /// `None` without a sun.
+    /// Objects that may block the sun; `None` without a sun.
     sun_grid: Option<SunGrid>,
-    /// One per lamp.
+    /// Objects that may block each lamp, in the order of the lamps.
     lamp_cubes: Vec<LampCube>,
 }
 
@@ -269,8 +269,9 @@ impl World {
         seen * (light.exposure * sight.rays)
     }
 
-    /// Linear light that leaves a surface at `point` against the ray's direction, after the haze on its way. The distance
-    /// in `meeting` is that along the whole path from the camera. At most `layers` more mirrors and panes are followed.
+    /// Linear light that leaves a surface at `point` against the ray's direction, after the haze on its way. The
+    /// distance in `meeting` is that along the whole path from the camera. At most `layers` more mirrors and panes are
+    /// followed.
     fn seen(
         &self,
         object: usize,

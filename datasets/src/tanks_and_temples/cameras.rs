@@ -48,9 +48,9 @@ impl SceneCameras {
                 return Err(DatasetError::malformed(
                     file,
                     format!(
-                        "{} cameras; expected a single camera for the whole scene, or images.bin or images.txt next \
-                         to it to assign them to pictures; COLMAP creates a single camera with \
-                         --ImageReader.single_camera 1; intrinsics=0.7w needs no model",
+                        "has {} cameras, but must have a single one for the whole scene, or images.bin or images.txt \
+                         next to it, which assigns them to pictures; COLMAP creates a single camera with \
+                         --ImageReader.single_camera 1, and intrinsics=0.7w needs no model",
                         cameras.len()
                     ),
                 ));

@@ -98,7 +98,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let splat_radius = radius.parse().ok().filter(|r: &u32| *r <= 16);
     let splat_radius = splat_radius.ok_or_else(|| {
         spec.refused(format!(
-            "'splat-radius' cannot be '{radius}'; it is a number from 0 to 16"
+            "'splat-radius' cannot be '{radius}'; it must be a whole number from 0 to 16"
         ))
     })?;
     let cache = ScanCache::default();
@@ -131,7 +131,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         let broken = found.left_out.iter().map(|scene| &scene.id);
         let mut ids = found.scenes.iter().map(|scene| &scene.id).chain(broken);
         if !ids.any(|id| id == name) {
-            let reason = format!("pictures, but no {name}{LOG}");
+            let reason = format!("there are pictures, but no {name}{LOG}");
             found.add(name, Err(DatasetError::malformed(folder, reason)));
         }
     }
@@ -241,7 +241,7 @@ impl TanksReader<'_> {
                 let model = SceneCameras::of_model(self.root, self.folder)?;
                 return model.ok_or_else(|| {
                     let reason = format!(
-                        "no COLMAP model, and the intrinsics of {} were never published: add cameras.txt or .bin \
+                        "no COLMAP model, and the intrinsics of {} were never published; add cameras.txt or .bin \
                          next to the log, or set intrinsics=0.7w (the download page's guess) or intrinsics=0.6w \
                          (closer to COLMAP's result) to accept a focal length that is a fraction of the width",
                         self.name

@@ -87,7 +87,7 @@ impl ScenePhotographs {
                 )
             })
             .collect();
-        notes.extend(leading_out.map(|error| format!("{name}: not read: {error}")));
+        notes.extend(leading_out.map(|error| format!("{name}: a folder was not read ({error})")));
         Ok(Self {
             folder,
             files,
@@ -95,7 +95,7 @@ impl ScenePhotographs {
         })
     }
 
-    /// The pictures by the block of the log that they belong to, and those without a block.
+    /// Assigns the pictures to the blocks of the log, and lists those without a block.
     ///
     /// If any name is a number, block i belongs to the picture numbered i + 1, or to the one
     /// numbered i if the pictures' numbers start with 0 and end with the last block; pictures
@@ -103,7 +103,7 @@ impl ScenePhotographs {
     /// blocks, and they are matched by order.
     ///
     /// # Errors
-    /// Why pictures cannot be matched with poses.
+    /// If pictures cannot be matched with poses; the error says why.
     pub(super) fn by_block(&self, log: &Log) -> Result<ByBlock<'_>, String> {
         let last = log.blocks.last().copied().unwrap_or(-1);
         let (numbered, unnumbered) = self.numbered()?;
@@ -114,7 +114,7 @@ impl ScenePhotographs {
         let (least, most) = bounds.map_or((0, 0), |((least, _), (most, _))| (*least, *most));
         let counts = || {
             format!(
-                "{} pictures numbered {least} to {most} in {}, but {} blocks with the indices {} to {last}",
+                "there are {} pictures numbered {least} to {most} in {}, but {} blocks with the indices {} to {last}",
                 numbered.len(),
                 self.folder.display(),
                 log.blocks.len(),
@@ -125,14 +125,14 @@ impl ScenePhotographs {
             (0, _) if most == last => 0,
             (0, _) => {
                 return Err(format!(
-                    "{}: the poses cannot be assigned; number the pictures from 1 (block 0 belongs to picture 1), or \
+                    "{}, so the poses cannot be assigned; number the pictures from 1 (block 0 belongs to picture 1), or \
                      from 0 to the last block",
                     counts()
                 ));
             }
             (_, Some(1)) if most == last => {
                 return Err(format!(
-                    "{}: blocks are numbered from 1; block k must belong to picture k + 1, so numbering must start at 0",
+                    "{}; number the blocks from 0, because block k belongs to picture k + 1",
                     counts()
                 ));
             }
@@ -154,7 +154,7 @@ impl ScenePhotographs {
         Ok(by_block)
     }
 
-    /// The pictures by number, and those whose names are not numbers.
+    /// The pictures, keyed by their number, and those whose names are not numbers.
     fn numbered(&self) -> Result<Numbered<'_>, String> {
         let (mut numbered, mut others) = (BTreeMap::new(), Vec::new());
         for file in &self.files {
@@ -185,7 +185,7 @@ impl ScenePhotographs {
                 .filter_map(|file| Some(file.file_name()?.to_string_lossy().into_owned()))
                 .collect();
             return Err(format!(
-                "{count} pictures in {}, but {blocks} blocks (the last has the index {last}), and no picture has a \
+                "there are {count} pictures in {}, but {blocks} blocks (the last has the index {last}), and no picture has a \
                  number as its name ({}), so the poses cannot be assigned; remove files that do not belong there, or \
                  name the pictures 000001, 000002 and so on, with block 0 for 000001",
                 self.folder.display(),
@@ -200,13 +200,13 @@ impl ScenePhotographs {
     }
 }
 
-/// Photographs by number, and those without a number.
+/// Photographs, keyed by their number, and those without a number.
 type Numbered<'a> = (BTreeMap<i64, &'a Path>, Vec<&'a Path>);
 
-/// Photographs by block of a log.
+/// Photographs, assigned to the blocks of a log.
 #[derive(Debug, Default)]
 pub(super) struct ByBlock<'a> {
-    /// By block index.
+    /// Photographs, keyed by the index of their block.
     pub(super) files: BTreeMap<i64, &'a Path>,
     /// Photographs without a block.
     pub(super) left_over: Vec<&'a Path>,
@@ -326,7 +326,7 @@ mod tests {
                 &[0, 1],
                 "numbered 0 to 2 in images, but 2 blocks",
             ),
-            (&["1.jpg", "2.jpg"], &[1, 2], "numbering must start at 0"),
+            (&["1.jpg", "2.jpg"], &[1, 2], "number the blocks from 0"),
             (&["1.jpg", "01.jpg"], &[0, 1], "the same number"),
         ] {
             let error = pictures(names).by_block(&log(blocks)).unwrap_err();

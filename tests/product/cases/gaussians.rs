@@ -136,7 +136,7 @@ fn opacities_without_the_logit_are_named_by_numbers_and_by_the_photograph() {
 #[test]
 fn another_order_of_quaternions_is_found_by_the_photograph() {
     let case = case("A10-quat-xyzw");
-    case.is_said_everywhere("r", "with `quaternions=xyzw`: 26.91 dB");
+    case.is_said_everywhere("r", "with `quaternions=xyzw`, they show it at 26.91 dB");
     close(with(&case, "quaternions=xyzw"), 20.9783);
 }
 
@@ -144,7 +144,7 @@ fn another_order_of_quaternions_is_found_by_the_photograph() {
 fn scales_that_are_no_logarithms_are_named_by_numbers_and_by_the_photograph() {
     let case = case("A11-scales-linear");
     case.is_said_everywhere("r", "`scales=linear` reads them without exponentiation");
-    case.is_said_everywhere("r", "with `scales=linear`: 26.91 dB");
+    case.is_said_everywhere("r", "with `scales=linear`, they show it at 26.91 dB");
     assert!(
         case.said[1].out.contains("scales=linear"),
         "{}",
@@ -156,10 +156,10 @@ fn scales_that_are_no_logarithms_are_named_by_numbers_and_by_the_photograph() {
 #[test]
 fn turned_and_world_space_files_are_named_with_the_setting_that_mends_them() {
     let turned = case("A13-rot180z");
-    turned.is_said_everywhere("r", "with `axes=luf`: 33.92 dB");
+    turned.is_said_everywhere("r", "with `axes=luf`, they show it at 33.92 dB");
     close(with(&turned, "axes=luf"), 19.0306);
     let world = case("A14-world");
-    world.is_said_everywhere("r", "with `space=world`: 33.92 dB");
+    world.is_said_everywhere("r", "with `space=world`, they show it at 33.92 dB");
     close(with(&world, "space=world"), 19.0306);
     // One file per scene.
     let folder = world.path("g/synthetic");
@@ -500,9 +500,12 @@ fn a_network_that_predicts_poorly_stays_silent_and_its_files_misread_are_named()
         ("shift=-1.28:1.82", Some("`shift=-1.28:1.32`")),
         (
             "shift=-1.28:1.32,channels=bgr",
-            Some("with `channels=rgb`:"),
+            Some("with `channels=rgb`, they"),
         ),
-        ("shift=-1.28:1.32,axes=opengl", Some("with `axes=opencv`:")),
+        (
+            "shift=-1.28:1.32,axes=opengl",
+            Some("with `axes=opencv`, they"),
+        ),
         ("shift=-1.28:1.32,focal=1.2", Some("`focal=")),
         ("shift=-1.28:1.32,colors=dc-uncentered", Some("`colors=dc`")),
     ] {
@@ -601,10 +604,10 @@ fn wrong_files_among_right_ones_are_named_by_run_and_merge() {
         ))
         .ends_with(0);
     }
-    let text = "2 of 8 sources reproduce the photograph they were predicted from at only ";
+    let text = "the Gaussians of 2 of 8 sources";
     let said = vec![run("wrong")];
     assert_eq!(said[0].err.matches(text).count(), 1, "{}", said[0].err);
-    let named = "synthetic/seed0/view_01, synthetic/seed0/view_05;";
+    let named = "(synthetic/seed0/view_01, synthetic/seed0/view_05) reproduce the source's photograph at only ";
     assert!(said[0].err.contains(named), "{}", said[0].err);
     let all = Case { said, ..case };
     all.is_said_everywhere("wrong", text);

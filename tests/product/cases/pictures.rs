@@ -454,8 +454,8 @@ fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_
         stored("mirrored", "m", &|picture| flip_horizontal(picture)),
     ];
     let all = Case { said, ..case };
-    all.is_said_everywhere("r-bgr", "look as if they have red and blue exchanged: ");
-    all.is_said_everywhere("r-mirrored", "look as if they are mirrored left to right: ");
+    all.is_said_everywhere("r-bgr", "look as if they have red and blue exchanged; ");
+    all.is_said_everywhere("r-mirrored", "look as if they are mirrored left to right; ");
 }
 
 /// Pictures named after other pairs, pictures with other value ranges, and poor pictures with
@@ -667,7 +667,7 @@ fn values_of_14_bits_are_told_from_dark_pictures() {
         )
         .unwrap();
         let said = case.run(&format!("sharp-bench datasets check nerfstudio={name}"));
-        both(&said).contains("as if 14-bit values had been stored unscaled")
+        both(&said).contains("perhaps because 14-bit values were stored unscaled")
     };
     let unscaled = |x: u32, y: u32| (x * 397 + y * 101) as u16;
     assert!(check("unscaled", &unscaled));

@@ -43,7 +43,7 @@ fn another_method_on_replaced_photographs_is_refused_beside_the_old_one() {
     let before = fs::read(case.path("r/scores.csv")).unwrap();
     for part in ["", " --limit 1", " --scenes s1"] {
         let said = case.run(&format!("{mean}{part}"));
-        said.is_error_with(&["'copy'", "photograph", "'left'", "in this command too"]);
+        said.is_error_with(&["'copy'", "photograph", "'left'", "in this command, too"]);
     }
     assert_eq!(fs::read(case.path("r/scores.csv")).unwrap(), before);
     case.run(&format!("{mean} --method copy")).ends_with(0);
@@ -345,7 +345,7 @@ fn pictures_made_again_are_not_averaged_with_those_before() {
     let said = run("--limit 1");
     said.is_error_with(&[
         "'imported'",
-        "another file of its own",
+        "an input file of the method has changed",
         "choose another folder",
     ]);
     assert_eq!(case.scores("r", "psnr"), before);
@@ -382,7 +382,7 @@ fn gaussians_of_one_source_are_one_file() {
     case.run("sharp-bench merge a b --out m2").is_error_with(&[
         "'gaussians'",
         "view_00",
-        "another file",
+        "a different file",
     ]);
-    run("2", "a").is_error_with(&["another file of its own"]);
+    run("2", "a").is_error_with(&["an input file of the method has changed"]);
 }

@@ -40,7 +40,7 @@ fn pictures_of_another_size_are_resized_by_a_named_kernel_only() {
     }
     assert_eq!(found["large"][0]["predicted_width"], "192");
     for (method, part) in [
-        ("imported", "48x36, but the target is 96x72: set a kernel"),
+        ("imported", "48x36, but the target is 96x72; set a kernel"),
         ("square", "another aspect"),
     ] {
         let reason = &found[method][0]["reason"];

@@ -115,7 +115,7 @@ fn a_picture_without_a_block_is_left_out_and_named() {
     check(&found.views, &scene, &[1, 2, 3, 4, 5]);
     has_note(
         &found.notes,
-        "2 frame(s) left out, no block of the log belongs to the picture: 000006.jpg, 000009.jpg",
+        "2 frame(s) left out (000006.jpg, 000009.jpg): no block of the log belongs to the picture",
     );
     // As many pictures as blocks, but one picture does not belong to the sequence.
     for name in ["000003", "000006", "000009"] {
@@ -126,7 +126,7 @@ fn a_picture_without_a_block_is_left_out_and_named() {
     check(&found.views, &scene, &[1, 2, 4, 5]);
     has_note(
         &found.notes,
-        "no block of the log belongs to the picture: cover.jpg",
+        "(cover.jpg): no block of the log belongs to the picture",
     );
 }
 
@@ -145,11 +145,11 @@ fn blocks_go_by_their_own_index_and_unregistered_pictures_are_named() {
     check(&found.views, &scene, &[1, 3, 5]);
     has_note(
         &found.notes,
-        "no block of the log belongs to the picture: 000002.jpg",
+        "(000002.jpg): no block of the log belongs to the picture",
     );
     has_note(
         &found.notes,
-        "the log says that the picture has no pose: 000004.jpg",
+        "(000004.jpg): the log says that the picture has no pose",
     );
 }
 
@@ -234,7 +234,10 @@ fn of_several_cameras_each_picture_has_the_one_that_the_model_names() {
     several_cameras(&at, 4);
     let found = read(FORMAT, folder.path());
     assert_eq!(found.views.len(), 4);
-    has_note(&found.notes, "does not list the picture: 000005.jpg");
+    has_note(
+        &found.notes,
+        "(000005.jpg): the COLMAP model has several cameras and does not list the picture",
+    );
 }
 
 #[test]
@@ -258,7 +261,11 @@ fn several_cameras_that_nothing_assigns_are_refused_with_the_way_out() {
     );
     std::fs::remove_file(at.join("images.txt")).unwrap();
     let error = refusal(FORMAT, folder.path());
-    for part in ["cameras.txt: 5 cameras", "single_camera", "intrinsics=0.7w"] {
+    for part in [
+        "cameras.txt: has 5 cameras",
+        "single_camera",
+        "intrinsics=0.7w",
+    ] {
         assert!(error.contains(part), "{error}");
     }
     read("tanks-and-temples,intrinsics=0.7w", folder.path());

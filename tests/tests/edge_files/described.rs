@@ -72,10 +72,10 @@ pub(crate) fn trials() -> Vec<Trial> {
         check_ids(&scene, &["r_0"])
     });
     add("transforms_dup.json", |name| {
-        left_out(name, &["a"], "the picture is listed twice: a.png")
+        left_out(name, &["a"], "(a.png): the picture is listed twice")
     });
     add("transforms_nan.json", |name| {
-        left_out(name, &["b"], "the pose is not finite or not rigid: a.png")
+        left_out(name, &["b"], "(a.png): the pose is not finite or not rigid")
     });
     // A frame's own intrinsics take precedence over the file's, which is reported.
     add("transforms_perframe.json", per_frame);

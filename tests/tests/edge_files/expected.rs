@@ -150,7 +150,7 @@ fn raw(name: &str) -> Outcome {
         return refused(
             found,
             name,
-            "has 92 bytes; the depth of a 6x4 picture takes exactly 96",
+            "has 92 bytes, but the depth of a 6x4 picture takes exactly 96",
         );
     }
     check(found?.iter().all(|v| *v == f32::INFINITY), || {

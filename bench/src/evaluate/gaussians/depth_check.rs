@@ -9,20 +9,22 @@ use crate::pairs::valid_depth::{is_valid_depth, median_of};
 /// Rendered depth is taken for inverse depth if rendered / true varies at least this many times as much as
 /// rendered × true, which is constant for inverse depth.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
-/// Minimum depth factor that may indicate another unit. Predictions without a unit are off by less.
+/// The unit may differ if depths differ by more than this factor. Predictions without a unit are off by less.
 const MIN_FACTOR: f64 = 1.5;
-/// Minimum ratio of the factor's logarithm to the spread of depth ratios, which is due to prediction errors.
+/// The unit differs only if the factor's logarithm exceeds this multiple of the spread of depth ratios, which is due to
+/// prediction errors.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
-/// Minimum number of pixels on which ray lengths are compared.
+/// Ray lengths are considered only with at least this many pixels.
 const FEWEST_RAYS: usize = 300;
-/// Minimum spread of the logarithms of depth ratios that may be due to ray lengths. In a narrow field of view, ray
-/// lengths hardly differ.
+/// Ray lengths are considered only if the spread of the logarithms of depth ratios is at least this. In a narrow field
+/// of view, ray lengths hardly differ.
 const MIN_SPREAD: f64 = 0.01;
-/// Maximum share of that spread that may remain after correcting for ray lengths.
+/// Correcting for ray lengths must reduce that spread to this share or less.
 const LEFT_BY_RAYS: f64 = 0.4;
 
-/// Warns if the rendered depth has another unit than the true depth, is inverse depth, or is confused with ray length,
-/// unless prediction errors explain the difference. For another unit, also returns the ratio of rendered to true depth.
+/// Warns if the rendered depth has a different unit from the true depth, is inverse depth, or is confused with ray
+/// length, unless prediction errors explain the difference. For another unit, also returns the ratio of rendered to
+/// true depth.
 pub(super) fn depth_doubt(
     truth: &DepthMap,
     seen: &DepthMap,
@@ -60,7 +62,7 @@ pub(super) fn depth_doubt(
     if of_inverse * INVERSE_SIGNIFICANCE < spread {
         let text = format!(
             "its Gaussians are far where the dataset's depth is near, and near where it is far \
-             ({id}): inverse depth was probably mistaken for depth, which no setting corrects"
+             ({id}), so inverse depth was probably mistaken for depth, which no setting corrects"
         );
         return Some((None, text));
     }
@@ -68,13 +70,13 @@ pub(super) fn depth_doubt(
     for (of_ray, what) in [
         (
             1.0,
-            "too far away towards the picture's edges by the factor √(1 + x² + y²): ray lengths were probably \
-             mistaken for depths",
+            "too far away towards the picture's edges by the factor √(1 + x² + y²), probably because ray lengths \
+             were mistaken for depths",
         ),
         (
             -1.0,
-            "too near towards the picture's edges by the factor √(1 + x² + y²): depths were probably mistaken for \
-             ray lengths",
+            "too near towards the picture's edges by the factor √(1 + x² + y²), probably because depths were \
+             mistaken for ray lengths",
         ),
     ] {
         // Correcting fully must leave less spread than no correction, half of it, or one and a half times as much.
@@ -92,7 +94,7 @@ pub(super) fn depth_doubt(
     is_unit.then(|| {
         let factor = (-middle).exp();
         let text = format!(
-            "its Gaussians are {factor:.3} times as far away as the dataset's depth ({id}): use `scale={}`, or \
+            "its Gaussians are {factor:.3} times as far away as the dataset's depth ({id}); use `scale={}`, or \
              `depth=privileged` if each source has its own unit",
             rounded(scale / factor)
         );

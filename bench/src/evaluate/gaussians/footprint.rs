@@ -10,7 +10,7 @@ use crate::rendering::shared::HOLE_ALPHA;
 
 /// Side of a tile, pixels, as in gsplat.
 const TILE: f64 = 16.0;
-/// Minimum alpha that is blended.
+/// Gaussians are blended only where their alpha is at least this.
 const MIN_ALPHA: f64 = 1.0 / 255.0;
 /// The projection is linearised up to this distance outside the picture, as a fraction of its sides.
 const MARGIN: f64 = 0.15;
@@ -19,14 +19,14 @@ const MARGIN: f64 = 0.15;
 const PARTS: (u32, u32) = (8, 6);
 /// A part is empty if at most this share of it is covered.
 const MAX_COVERED: f64 = 0.02;
-/// Minimum share of a picture that counts as missing.
+/// A part of a file may be missing if at least this share of the picture is empty.
 const MIN_MISSING: f64 = 0.3;
-/// Minimum share of a picture's detail in empty parts. A sky or a plain background, where Gaussians may be missing on
-/// purpose, has hardly any.
+/// A part of a file may be missing if at least this share of the picture's detail is in empty parts. A sky or a plain
+/// background, where Gaussians may be missing on purpose, has hardly any.
 const MIN_DETAIL: f64 = 0.2;
 
-/// The share of a photograph that Gaussians with this alpha leave empty; `None` unless it is large, connected and full
-/// of detail.
+/// The share of a photograph that is empty, given the rendering's `alpha`; `None` unless the share is large and
+/// includes whole parts of the picture that are full of detail.
 pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -> Option<f64> {
     let (width, height) = photograph.dimensions();
     let mut parts = [(0.0, 0.0, 0.0); (PARTS.0 * PARTS.1) as usize];
@@ -55,7 +55,7 @@ pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -
     (missing >= MIN_MISSING && detail > 0.0 && lost >= MIN_DETAIL * detail).then_some(missing)
 }
 
-/// The share of pixels with this alpha that no Gaussian covers.
+/// Share of the pixels whose value in `alpha` is below [`HOLE_ALPHA`].
 pub(in crate::evaluate) fn hole_share(alpha: &[f32]) -> f64 {
     let holes = alpha.iter().filter(|alpha| **alpha < HOLE_ALPHA).count();
     holes as f64 / alpha.len().max(1) as f64

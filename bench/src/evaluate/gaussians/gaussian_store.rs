@@ -10,13 +10,13 @@ use super::prediction_file::{read_prediction, write_prediction};
 use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::methods::{GaussianPrediction, MethodError};
 
-/// Predictions by key: in memory up to a limit, the others on disk until the run ends.
+/// Predictions, identified by keys: in memory up to a limit, the others on disk until the run ends.
 pub(in crate::evaluate) struct GaussianStore {
     /// Folder for predictions that are kept after the run, if any.
     kept: Option<PathBuf>,
     limit_bytes: u64,
     memory: BTreeMap<String, Timed>,
-    /// Keys in memory, most recent last.
+    /// Keys of the predictions in memory, most recent last.
     order: Vec<String>,
     spill: Option<(TempDir, BTreeSet<String>)>,
     spill_in: PathBuf,

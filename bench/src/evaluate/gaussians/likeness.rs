@@ -12,8 +12,8 @@ const COARSE: (u32, u32) = (16, 12);
 const MIN_BLUR: f64 = 0.4;
 /// Maximum width and height compared, pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// Minimum gain of another reading, dB. If a file was read correctly, other readings change the error by only some
-/// hundredths of a dB.
+/// Another reading is better only if its gain is at least this, dB. If a file was read correctly, other readings change
+/// the error by only some hundredths of a dB.
 const MARGIN: f64 = 0.5;
 /// Number of standard errors that the gain must exceed.
 const SIGNIFICANCE: f64 = 3.0;
@@ -21,12 +21,12 @@ const SIGNIFICANCE: f64 = 3.0;
 /// confirms the other gain.
 const SIGNIFICANCE_FREE: f64 = 2.0;
 /// Two errors count as about equal up to this ratio.
-const HARDLY: f64 = 1.1;
+const MAX_ABOUT_EQUAL: f64 = 1.1;
 /// A picture explains a photograph if it accounts for at least this share of its variance.
-const EXPLAINED: f64 = 0.5;
+const MIN_EXPLAINED: f64 = 0.5;
 /// The contrasts of a picture and its photograph are reported if one is at least this multiple of the other.
 const MIN_CONTRAST_RATIO: f64 = 1.6;
-/// Minimum gain from correcting brightness and contrast, dB.
+/// Contrasts are reported only if correcting brightness and contrast gains at least this, dB.
 const MIN_CONTRAST_GAIN_DB: f64 = 6.0;
 /// Pictures count as equal below this mean squared error, levels²: rounding and truncation to 8 bit differ by less.
 const ROUNDING: f64 = 1.0;
@@ -185,7 +185,7 @@ impl Likeness {
         Self { blocks, total }
     }
 
-    /// Merges two comparisons.
+    /// The comparison over the pixels of both.
     pub(in crate::evaluate) fn joined(&self, other: &Self) -> Self {
         let total = [&self.total, &other.total];
         Self {
@@ -233,7 +233,7 @@ impl Likeness {
     }
 
     pub(in crate::evaluate) fn explains(&self) -> bool {
-        self.explained() >= EXPLAINED
+        self.explained() >= MIN_EXPLAINED
     }
 
     /// Share of the photograph's variance that the picture explains after fitting brightness and contrast.
@@ -288,7 +288,7 @@ impl Likeness {
     /// Whether its squared error is at most slightly larger than that of `other` after fitting the brightness and
     /// contrast of `other`.
     pub(in crate::evaluate) fn is_as_near_as_exposed(&self, other: &Self) -> bool {
-        self.error() <= HARDLY * Errors::of(other.total).residual
+        self.error() <= MAX_ABOUT_EQUAL * Errors::of(other.total).residual
     }
 
     /// Whether `errors[0]` of this picture is smaller than `errors[1]` of `other`, by at least `margin` dB and

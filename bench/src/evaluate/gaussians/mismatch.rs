@@ -5,21 +5,22 @@ use sharp::gaussians::Gaussians;
 use sharp::render::RenderError;
 
 use super::likeness::Likeness;
-use super::rereading::{FACING, Seen, Trial};
+use super::rereading::{MIN_FACING_AREA, Seen, Trial};
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
 /// Factors of standard deviations to try.
 const WIDTHS: [f64; 8] = [1.0 / 3.0, 0.1, 0.01, 0.001, 3.0, 10.0, 100.0, 1000.0];
-/// Minimum gain with narrower standard deviations, dB. Crude but correct Gaussians gain less.
+/// Narrower standard deviations are reported only if they gain at least this, dB. Crude but correct Gaussians gain
+/// less.
 const MIN_NARROWER_GAIN_DB: f64 = 4.0;
-/// Minimum gain with wider standard deviations, dB. Correct Gaussians with holes gain less.
+/// Wider standard deviations are reported only if they gain at least this, dB. Correct Gaussians with holes gain less.
 const MIN_WIDER_GAIN_DB: f64 = 6.0;
-/// Minimum gain with a factor that the depth suggests, dB.
+/// A factor that the depth suggests is reported only if it gains at least this, dB.
 const MIN_WIDTHS_GAIN_DB: f64 = 1.0;
 /// Wider Gaussians are tried only up to this many per pixel.
 const MAX_LAYERS: f64 = 300.0;
-/// Minimum rotation that is tried, degrees.
+/// Smaller rotations are not tried, degrees.
 const MIN_TURN_DEG: f64 = 3.0;
 
 impl Trial<'_> {
@@ -39,8 +40,8 @@ impl Trial<'_> {
     }
 
     /// The factor that makes the Gaussians match far better if their standard deviations are multiplied by it. Factors
-    /// below 1 are tried only if the rendering is blurred, and the first match is taken: still narrower Gaussians, drawn as
-    /// mere centres, would resemble the source even better.
+    /// below 1 are tried only if the rendering is blurred, and the first match is taken: still narrower Gaussians,
+    /// drawn as mere centres, would resemble the source even better.
     pub(in crate::evaluate) fn other_widths(
         &self,
         gaussians: &Gaussians,
@@ -99,7 +100,7 @@ impl Trial<'_> {
                 *quaternion = [turned.w, turned.x, turned.y, turned.z].map(|v| v as f32);
             }
             // Wrongly rotated Gaussians are seen more edge-on, which sharpens a rendering whose Gaussians are too wide.
-            if self.mean_area(&other, placement) >= FACING * own_area
+            if self.mean_area(&other, placement) >= MIN_FACING_AREA * own_area
                 && let Some(fit) = self.fit(&other, map)?
                 && fit.is_better_than(as_read)
                 && best

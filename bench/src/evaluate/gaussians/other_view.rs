@@ -48,12 +48,13 @@ impl OtherView<'_> {
         let (id, db) = (&self.view.id, self.fit.psnr());
         match self.is_frame {
             true => format!(
-                "{shown}; with their means read as in the camera of {id}: {db:.2} dB; write means in the space of \
-                 the source's own camera, or set `space=target` if each pair has a file in its target's camera"
+                "{shown}; with their means read as in the camera of {id}, they show it at {db:.2} dB; either write means \
+                 in the space of the source's own camera, or set `space=target` if each pair has a file in its target's \
+                 camera"
             ),
             false => format!(
-                "{shown}, and that of {id} at {db:.2} dB: were they predicted from {id}, or are files named after \
-                 the wrong views? Name each file after the view that it was predicted from"
+                "{shown}, and that of {id} at {db:.2} dB; perhaps they were predicted from {id}, or files are named after \
+                 the wrong views; name each file after the view that it was predicted from"
             ),
         }
     }

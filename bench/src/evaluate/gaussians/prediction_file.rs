@@ -22,7 +22,7 @@ pub(in crate::evaluate) enum PredictionFileError {
     File(#[from] FileError),
     #[error(transparent)]
     Gaussians(#[from] GaussianFileError),
-    /// The file is truncated or was changed.
+    /// The file is truncated or was changed since it was written.
     #[error("{}: not a complete prediction", .0.display())]
     Damaged(PathBuf),
 }

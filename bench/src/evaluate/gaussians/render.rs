@@ -17,9 +17,9 @@ use crate::rendering::pose_alignment::fit_camera;
 use crate::rendering::shared::{HOLE_ALPHA, surface_depth};
 use crate::scoring::GroundTruth;
 
-/// Thresholds for a warning about a fitted camera: its rotation in degrees, and its motion as a share of the median
-/// depth.
+/// A fitted camera causes a warning if it was turned by more than this, degrees.
 const FAR_TURNED: f64 = 15.0;
+/// A fitted camera causes a warning if it was moved by more than this share of the median depth.
 const FAR_MOVED: f64 = 0.25;
 
 /// The factor from predicted to true depth: the median of their ratios (the paper's eq.
@@ -91,7 +91,7 @@ pub(in crate::evaluate) fn placed(
 /// `pose_rotation_deg`, `pose_translation_m` and `pose_steps`.
 ///
 /// # Errors
-/// See [`RenderError`].
+/// If rendering fails.
 pub(in crate::evaluate) fn render(
     prediction: &GaussianPrediction,
     scale: Option<f64>,
@@ -164,7 +164,7 @@ pub(in crate::evaluate) fn far_moved(
     (turned > FAR_TURNED || moved > FAR_MOVED * depth).then(|| {
         let text = format!(
             "align=pose moved a target's camera by {moved:.3} m and {turned:.1}° ({pair_id}), which is too large for \
-             a correction: the scene may have another origin or unit"
+             a correction; the scene may have another origin or unit"
         );
         ("pose".to_owned(), text)
     })

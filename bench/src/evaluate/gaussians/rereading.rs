@@ -22,37 +22,38 @@ use crate::scoring::Region;
 /// A reading is tried only if it has at most this many Gaussians per pixel on average; no
 /// photograph needs more.
 const MAX_LAYERS: f64 = 3000.0;
-/// Minimum gain in the source that makes rendering other views worthwhile, dB.
-const WORTH_A_LOOK: f64 = 0.25;
-/// Loss in the source's fit that rules out a form of the numbers, dB.
-const MUCH: f64 = 1.0;
-/// [`MUCH`] for logarithms of opacities: the stored values are strong evidence for them, and the source hardly any
-/// against.
-const VERY_MUCH: f64 = 3.0;
+/// A reading is tried in other views only if it gains at least this in the source, dB.
+const MIN_SOURCE_GAIN_DB: f64 = 0.25;
+/// A form of the numbers is ruled out if it loses this much in the source, dB.
+const RULED_OUT_LOSS_DB: f64 = 1.0;
+/// [`RULED_OUT_LOSS_DB`] for logarithms of opacities: the stored values are strong evidence for them, and the source
+/// hardly any against.
+const RULED_OUT_LOSS_OF_LOG_DB: f64 = 3.0;
 /// Errors in other views may grow by at most this factor.
-const NOT_WORSE: f64 = 1.1;
-/// If Gaussians are shifted, maximum ratio of the errors in other views after and before: below 1, because other views
-/// must confirm a shift.
-const BETTER: f64 = 0.97;
+const MAX_ERROR_ELSEWHERE: f64 = 1.1;
+/// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because other views must confirm it.
+const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
 /// A shift with this gain in the source needs no confirmation, dB: in other views, poor Gaussians hardly change with a
 /// shift of half a pixel.
-const BEYOND_CHANCE: f64 = 2.0;
-/// Sufficient gain for another form of colours, dB. Forms of colours may differ only in brightness and contrast.
-const RECOLORED: f64 = 6.0;
-/// [`RECOLORED`] for a form whose brightness and contrast are already the best fit.
-const RECOLORED_EXACTLY: f64 = 2.0;
-/// Relative change of the focal length below which [`MIN_SMALL_ZOOM_GAIN_DB`] is needed: Gaussians with a wrong shape may fit
-/// better by chance if they are slightly enlarged.
+const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 2.0;
+/// From this gain on, another form of colours is better, dB. Forms of colours may differ only in brightness and
+/// contrast.
+const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
+/// [`MIN_RECOLORED_GAIN_DB`] for a form whose brightness and contrast are already the best fit.
+const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
+/// A change of the focal length is small below this, relatively, and needs [`MIN_SMALL_ZOOM_GAIN_DB`]: Gaussians with a
+/// wrong shape may fit better by chance if they are slightly enlarged.
 const SMALL_ZOOM: f64 = 0.05;
-/// Minimum gain of a small change of the focal length, dB.
+/// A small change of the focal length must gain at least this, dB.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
-/// Minimum average number of Gaussians per pixel for which standard deviations may be logarithms to the base of 10.
+/// Standard deviations may be logarithms to the base of 10 only if more than this many Gaussians cover a pixel on
+/// average.
 const WIDE_LAYERS: f64 = 500.0;
-/// Minimum share of a view that Gaussians cover if they show all of the view.
-const WHOLE: f64 = 0.7;
-/// Minimum area of Gaussians under another order of quaternions, relative to the area as read. Wrong orders reduce it,
-/// because most Gaussians lie on surfaces that face the camera.
-pub(super) const FACING: f64 = 0.97;
+/// Gaussians that cover at least this share of another view count as showing that whole view.
+const MIN_WHOLE_COVERAGE: f64 = 0.7;
+/// Another order of quaternions is possible if the Gaussians' area is at least this, relative to the area as read.
+/// Wrong orders reduce it, because most Gaussians lie on surfaces that face the camera.
+pub(super) const MIN_FACING_AREA: f64 = 0.97;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
 /// Axes to try: OpenGL's (a rotation about x), rotations about y and z, mirrored ones such as Unity's, and z up.
@@ -70,7 +71,7 @@ pub(in crate::evaluate) struct Trial<'a> {
     pub(in crate::evaluate) rule: Option<Rule>,
 }
 
-/// The same rule, using the camera's principal point.
+/// The rendering `rule`, changed to use the camera's principal point.
 fn general(rule: Rule) -> Rule {
     Rule {
         principal_point: PrincipalPoint::Used,
@@ -79,7 +80,7 @@ fn general(rule: Rule) -> Rule {
 }
 
 impl Trial<'_> {
-    /// This trial under a reading's own rule, if it has one.
+    /// This trial under the rule of `reading`, if it has one.
     fn under(&self, reading: &FileReading) -> Self {
         Self {
             rule: reading.rule.or(self.rule),
@@ -147,7 +148,7 @@ impl Trial<'_> {
         self.under(other).fit(&recoded, placed)
     }
 
-    /// Mean area of Gaussians in this part of the picture.
+    /// Mean area of the `gaussians` in this part of the picture.
     pub(super) fn mean_area(&self, gaussians: &Gaussians, placement: Placement) -> f64 {
         let map = placement.camera_from_file(self.source);
         let mut view = RenderView::new(map, self.intrinsics());
@@ -169,7 +170,7 @@ impl Trial<'_> {
         }))
     }
 
-    /// Share of the part that Gaussians cover.
+    /// Share of the part that the `gaussians` cover.
     fn covered(
         &self,
         gaussians: &Gaussians,
@@ -181,7 +182,8 @@ impl Trial<'_> {
         Ok(covered as f64 / alpha.len().max(1) as f64)
     }
 
-    /// Whether Gaussians in world space cover most of another view, so that the source only sees their edge.
+    /// Whether the source may see only the edge of the Gaussians: they are in world space and cover most of a view in
+    /// `elsewhere`, or there is no other view.
     pub(in crate::evaluate) fn is_whole_elsewhere(
         &self,
         gaussians: &Gaussians,
@@ -194,7 +196,7 @@ impl Trial<'_> {
         let mut is_whole = elsewhere.is_empty();
         for other in elsewhere {
             let placed = reading.placement.camera_from_file(other.source);
-            is_whole |= other.covered(gaussians, placed)? >= WHOLE;
+            is_whole |= other.covered(gaussians, placed)? >= MIN_WHOLE_COVERAGE;
         }
         Ok(is_whole)
     }
@@ -236,9 +238,9 @@ impl Trial<'_> {
         let gain = other.map_or(f64::NEG_INFINITY, |other| other.gain_over(&as_read));
         // Opacities hardly change the source's rendering, and correctly read ones do not look like logarithms.
         let is_rare = other_form.opacity == Some(StoredOpacity::Log);
-        Ok(gain >= WORTH_A_LOOK
-            || !as_read.explains() && gain > -MUCH
-            || is_rare && gain > -VERY_MUCH)
+        Ok(gain >= MIN_SOURCE_GAIN_DB
+            || !as_read.explains() && gain > -RULED_OUT_LOSS_DB
+            || is_rare && gain > -RULED_OUT_LOSS_OF_LOG_DB)
     }
 
     /// The reading that explains the photograph best, if it is significantly better than `as_read`, in this part alone
@@ -266,7 +268,7 @@ impl Trial<'_> {
             let mut consider = |candidate: FileReading, gaussians: &Gaussians| {
                 let placed = candidate.placement.camera_from_file(self.source);
                 if let Some(fit) = self.under(&candidate).fit(gaussians, placed)?
-                    && fit.gain_over(fit_before) >= WORTH_A_LOOK
+                    && fit.gain_over(fit_before) >= MIN_SOURCE_GAIN_DB
                 {
                     better.push((candidate, fit));
                 }
@@ -324,18 +326,18 @@ impl Trial<'_> {
                 let recolors = candidate.stored.colors != before.stored.colors;
                 let is_closer = |own: &Likeness, other: &Likeness| {
                     let gain = own.gain_over(other);
-                    let is_form = gain >= RECOLORED
-                        || gain >= RECOLORED_EXACTLY && own.is_as_near_as_exposed(other);
+                    let is_form = gain >= MIN_RECOLORED_GAIN_DB
+                        || gain >= MIN_EXACT_RECOLORED_GAIN_DB && own.is_as_near_as_exposed(other);
                     own.is_closer_than(other) || recolors && is_form && own.is_nearer_than(other)
                 };
                 let is_better =
                     fit.explains() && (is_closer(&fit, fit_before) || is_closer(&all, &all_before));
                 let is_shift = candidate.placement.shift != before.placement.shift;
-                let is_large = fit.gain_over(fit_before) >= BEYOND_CHANCE;
+                let is_large = fit.gain_over(fit_before) >= UNCONFIRMED_SHIFT_GAIN_DB;
                 let allowed = if is_shift && !is_large {
-                    BETTER
+                    MAX_ERROR_ELSEWHERE_OF_SHIFT
                 } else {
-                    NOT_WORSE
+                    MAX_ERROR_ELSEWHERE
                 };
                 let zooms = [0, 1].map(|axis| {
                     let [own, other] = [&candidate, before].map(|reading| reading.placement.focal);
@@ -349,18 +351,17 @@ impl Trial<'_> {
                     || is_shift && neighbours.is_empty();
                 // The source alone decides between two forms of colours: in other views, wrong geometry causes blur,
                 // which paler colours hide.
-                let is_least =
-                    chosen.as_ref().is_none_or(|(other, its_fit, its_all)| {
-                        match recolors && other.stored.colors != before.stored.colors {
-                            true => fit.error() < its_fit.error(),
-                            false => all.error() < its_all.error(),
-                        }
-                    });
+                let is_closest = chosen.as_ref().is_none_or(|(other, its_fit, its_all)| {
+                    match recolors && other.stored.colors != before.stored.colors {
+                        true => fit.error() < its_fit.error(),
+                        false => all.error() < its_all.error(),
+                    }
+                });
                 // Wrongly rotated Gaussians are seen more edge-on, which sharpens a rendering whose Gaussians are too
                 // wide.
                 let is_narrower = candidate.stored.quaternions != before.stored.quaternions
-                    && area(&candidate) < FACING * area(before);
-                if is_better && !worse && is_least && !is_narrower && !is_chance {
+                    && area(&candidate) < MIN_FACING_AREA * area(before);
+                if is_better && !worse && is_closest && !is_narrower && !is_chance {
                     chosen = Some((candidate, fit, all));
                 }
             }
@@ -398,7 +399,7 @@ impl Trial<'_> {
             {
                 // Misread quaternions turn Gaussians at random, which may cover holes that another wrong setting
                 // leaves.
-                let is_weak = *key == "quaternions" && best.1.gain_over(&fit) < MUCH;
+                let is_weak = *key == "quaternions" && best.1.gain_over(&fit) < RULED_OUT_LOSS_DB;
                 let fewer = (fewer, fit);
                 let is_needed = || -> Result<bool, RenderError> {
                     let is_nearer = best.1.is_nearer_than(&fewer.1);

@@ -47,17 +47,17 @@ pub const SOURCE_BLUR: &str = "source_blur";
 
 /// Other readings are tried only if at least this share of the photograph is valid.
 const MIN_VALID: f64 = 0.95;
-/// PSNR of the source's rendering above which no other reading is tried, dB.
+/// No other reading is tried if the PSNR of the source's rendering is at least this, dB.
 const RIGHT_DB: f64 = 38.0;
-/// Gain below which a setting may only compensate for wrong standard deviations, dB.
+/// A setting that gains less than this may only compensate for wrong standard deviations, dB.
 const WEAK_DB: f64 = 3.0;
 /// Contrast, relative to the photograph, of colours whose coefficients were multiplied by the constant harmonic, 0.282,
 /// instead of divided by it: its square, 0.08.
 const SQUARED_CONSTANT: RangeInclusive<f64> = 0.06..=0.1;
-/// Minimum share of empty pixels that suggests that Gaussians were removed.
+/// From this share of empty pixels on, Gaussians may have been removed.
 const MIN_HOLES: f64 = 0.02;
-/// Minimum number of pixels of a photograph on which other readings are tried; smaller photographs do not show a
-/// Gaussian's shape.
+/// Other readings are tried only on photographs with at least this many pixels; smaller ones do not show a Gaussian's
+/// shape.
 const FEWEST_PIXELS: usize = 1200;
 /// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
@@ -73,11 +73,11 @@ pub(in crate::evaluate) struct CheckedSource<'a> {
     /// True depth, if available; `None` for a method that is scaled to it.
     pub(in crate::evaluate) depth: Option<&'a DepthMap>,
     pub(in crate::evaluate) scene: &'a Scene,
-    /// Whether to try other readings.
+    /// Whether other readings are tried for this source.
     pub(in crate::evaluate) is_chosen: bool,
 }
 
-/// Measured values and warnings.
+/// Measured values and warnings about Gaussians rendered into their source.
 pub(in crate::evaluate) struct SourceFacts {
     pub(in crate::evaluate) extras: BTreeMap<String, f64>,
     pub(in crate::evaluate) warnings: BTreeMap<String, String>,
@@ -89,9 +89,9 @@ struct SeenSource {
     depth: DepthMap,
     /// The rendering over the photograph's mean colour, in place of the background.
     over_mean: RgbImage,
-    /// See [`missing_share`].
+    /// Result of [`missing_share`].
     missing: Option<f64>,
-    /// Share of the pixels that no Gaussian covers.
+    /// Share of the pixels with alpha below [`HOLE_ALPHA`](crate::rendering::shared::HOLE_ALPHA).
     holes: f64,
     is_blurred: bool,
 }
@@ -101,7 +101,7 @@ struct SeenSource {
 /// suggested only by the stored numbers is dropped if the photograph is explained without it.
 ///
 /// # Errors
-/// See [`RenderError`].
+/// If rendering fails.
 pub(in crate::evaluate) fn check_source(
     prediction: &GaussianPrediction,
     source: &CheckedSource<'_>,
@@ -233,7 +233,7 @@ pub(in crate::evaluate) fn absurd_coverage(
     };
     let text = format!(
         "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), \
-         which takes very long to render; are the scales {cause}? ({})",
+         which takes very long to render ({}); perhaps the scales are {cause}",
         seen.layers,
         middle.unwrap_or_default(),
         source.id
@@ -250,9 +250,9 @@ struct Findings<'a> {
     compared: Likeness,
     better: Option<(FileReading, Likeness)>,
     other: Option<OtherView<'a>>,
-    /// Rotation of the quaternions in degrees.
+    /// Rotation of the quaternions in degrees, and the comparison after it.
     turned: Option<(f64, Likeness)>,
-    /// Under the inverse of the source's pose.
+    /// Comparison under the inverse of the source's pose.
     inverse: Option<Likeness>,
     missing: Option<f64>,
     holes: f64,
@@ -355,16 +355,16 @@ impl<'a> Findings<'a> {
             _ if let Some(fit) = &self.inverse => (
                 "pose",
                 format!(
-                    "{shown}; with the inverse of its pose: {:.2} dB: they were moved to world space with the \
-                     world-to-camera extrinsics, which no setting corrects; use camera-to-world",
+                    "{shown}; with the inverse of its pose, they show it at {:.2} dB, because they were moved to world \
+                     space with the world-to-camera extrinsics, which no setting corrects; use camera-to-world",
                     fit.psnr()
                 ),
             ),
             _ if let Some((degrees, fit)) = &self.turned => (
                 "rotations",
                 format!(
-                    "{shown}; with their quaternions turned by {degrees:.0}°: {:.2} dB: their means were turned \
-                     without their quaternions, which no setting corrects; turn both",
+                    "{shown}; with their quaternions turned by {degrees:.0}°, they show it at {:.2} dB, because their \
+                     means were turned without their quaternions, which no setting corrects; turn both",
                     fit.psnr()
                 ),
             ),
@@ -395,12 +395,15 @@ impl<'a> Findings<'a> {
                     && fit.psnr() < self.compared.psnr() + WEAK_DB;
                 let holes = match may_cover && self.holes >= MIN_HOLES {
                     true => format!(
-                        " and leave {:.0} % of its pixels empty (were Gaussians removed?)",
+                        " and leave {:.0} % of its pixels empty (perhaps Gaussians were removed)",
                         100.0 * self.holes
                     ),
                     false => String::new(),
                 };
-                let text = format!("{shown}{holes}; with {named}: {:.2} dB", fit.psnr());
+                let text = format!(
+                    "{shown}{holes}; with {named}, they show it at {:.2} dB",
+                    fit.psnr()
+                );
                 return Some((half.map_or("reading", String::as_str).to_owned(), text));
             }
             (_, Some(other)) => ("view", other.sentence(shown)),
@@ -409,8 +412,8 @@ impl<'a> Findings<'a> {
             {
                 let text = format!(
                     "its Gaussians leave {:.0} % of the photograph they were predicted from empty, in large parts full \
-                     of detail ({}): is a part of the file missing? If it shows only an object or a crop, give the \
-                     dataset masks of it",
+                     of detail ({}); perhaps a part of the file is missing, but if it shows only an object or a crop, \
+                     give the dataset masks of it",
                     100.0 * missing,
                     self.id
                 );
@@ -427,12 +430,12 @@ impl<'a> Findings<'a> {
                 && let Some((contrast, fitted)) = self.as_read.contrast() =>
             {
                 let cause = match SQUARED_CONSTANT.contains(&contrast) {
-                    true => "as if `f_dc` had been multiplied by 0.282 instead of divided",
-                    false => "were they stored in another form?",
+                    true => "perhaps `f_dc` was multiplied by 0.282 instead of divided",
+                    false => "perhaps colours were stored in another form",
                 };
                 let text = format!(
-                    "{shown}, with {} times the photograph's contrast; after correcting brightness and contrast: \
-                     {fitted:.2} dB; {cause}",
+                    "{shown}, with {} times the photograph's contrast; with brightness and contrast corrected, they show \
+                     it at {fitted:.2} dB; {cause}",
                     rounded(contrast)
                 );
                 ("contrast", text)
@@ -464,10 +467,10 @@ fn add_doubts(
     let found = Findings::of(prediction, reading, seen, trial, &elsewhere)?;
     let with_widths = |factor: f64, fit: &Likeness| {
         format!(
-            "{}, and with standard deviations {} times as wide: {:.2} dB",
+            "{}, and at {:.2} dB with standard deviations {} times as wide",
             found.shown,
-            rounded(factor),
-            fit.psnr()
+            fit.psnr(),
+            rounded(factor)
         )
     };
     let other_widths = || -> Result<Option<String>, RenderError> {
@@ -479,8 +482,8 @@ fn add_doubts(
         let widths = trial.other_widths(gaussians, reading, &found.compared, seen.is_blurred)?;
         Ok(widths.filter(|(_, fit)| found.is_best(fit)).map(|(factor, fit)| {
             format!(
-                "{}: were the means scaled without the standard deviations, or the standard deviations written in \
-                 another form? No setting corrects this; write both in the same unit",
+                "{}; perhaps the means were scaled without the standard deviations, or the standard deviations were \
+                 written in another form; no setting corrects this, so write both in the same unit",
                 with_widths(factor, &fit)
             )
         }))
@@ -512,8 +515,8 @@ fn add_doubts(
             && let Some(fit) = trial.fit_with_widths(gaussians, factor, reading, compared)?
         {
             text += &format!(
-                "; but only their means have that unit: {}; `scale=` multiplies both, so write the file with both in \
-                 one unit",
+                "; but only their means have that unit, because {}; `scale=` multiplies means and standard deviations, so \
+                 write the file with both in one unit",
                 with_widths(factor, &fit)
             );
         }

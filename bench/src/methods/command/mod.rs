@@ -56,7 +56,7 @@ pub struct Command {
     timeout: Duration,
     fit: FitRules,
     depth: TrueDepth,
-    /// Path of the log, and folder for scratch folders; set when a run begins.
+    /// Path of the log, and the folder in which scratch folders are made; set when a run begins.
     places: OnceLock<(PathBuf, PathBuf)>,
     state: Mutex<State>,
 }
@@ -196,8 +196,9 @@ impl Command {
                         state.failed_starts += 1;
                     }
                     if state.failed_starts == STARTS {
-                        let what =
-                            format!("not started again: it ended {STARTS} times before any answer");
+                        let what = format!(
+                            "not started again, because it ended {STARTS} times before any answer"
+                        );
                         let reason = ended.describe(&what);
                         state.given_up = Some(reason.clone());
                         return Err(self.failure(reason));

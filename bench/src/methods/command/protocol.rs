@@ -21,9 +21,9 @@ use crate::pairs::description::PairDescription;
 /// The source's files, by absolute path.
 #[derive(Debug)]
 pub(super) struct SourceFiles {
-    /// PNG file.
+    /// Path of the picture, a PNG file.
     pub(super) picture: PathBuf,
-    /// NumPy array, float32 metres `[H, W]`, 0 where unknown.
+    /// Path of the depth, a NumPy array of float32 metres `[H, W]`, 0 where unknown.
     pub(super) depth: Option<PathBuf>,
 }
 

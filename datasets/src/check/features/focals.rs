@@ -11,17 +11,18 @@ use super::super::small_view::ray;
 use super::{CLOSE, MIN_MORE, Matches, compared, miss, pixel, share};
 use crate::View;
 
-/// Minimum fraction of matches that other focal lengths must explain to be reported.
+/// Other focal lengths are reported only if they explain at least this fraction of the matches.
 const MIN_OF_FOCALS: f64 = 0.85;
-/// Number of focal lengths tried in each direction, up to a factor of 2, and the ratio between consecutive ones.
+/// Number of focal lengths tried in each direction (up to a factor of 2), then the ratio between consecutive ones.
 const FOCALS: (i32, f64) = (20, 1.0353);
-/// Maximum difference of the fraction of matches explained by square pixels and by the best factor of fx or fy alone.
-const SQUARE: f64 = 0.03;
+/// Square pixels are preferred to a factor of fx or fy alone unless they explain a smaller fraction of the matches, by
+/// more than this.
+const MAX_LOST_BY_SQUARE: f64 = 0.03;
 /// Factors of the focal lengths that test whether the matches determine them; if so, these factors
 /// explain far fewer matches.
 const OTHER_FOCALS: [f64; 2] = [0.8, 1.25];
 /// Focal lengths whose relative difference is smaller are considered equal.
-const SAME: f64 = 0.02;
+const MAX_SAME_DIFFERENCE: f64 = 0.02;
 
 impl Matches<'_> {
     /// The same matches with the focal lengths of each view multiplied by these factors.
@@ -45,8 +46,8 @@ impl Matches<'_> {
         Some((Change::Cameras(text), explained))
     }
 
-    /// The common factor of focal lengths that explains the matches significantly better, and
-    /// nearly all of them. If several do, the factor whose pixels are closest to square.
+    /// The common factor of focal lengths that explains nearly all matches, and significantly more than as read. If
+    /// several do, the factor whose pixels are closest to square.
     pub(super) fn other_focal(
         &self,
         as_read: &[Option<bool>],
@@ -62,7 +63,8 @@ impl Matches<'_> {
                 Focal::X => first.fy / first.fx,
                 Focal::Y => first.fx / first.fy,
             };
-            let is_square = share(&explained(square)) >= share(&explained(best)) - SQUARE;
+            let is_square =
+                share(&explained(square)) >= share(&explained(best)) - MAX_LOST_BY_SQUARE;
             let factor = if is_square { square } else { best };
             let explained = explained(factor);
             let is_better = is_reportable(factor)
@@ -104,7 +106,7 @@ impl Matches<'_> {
 /// If the views have exactly two focal lengths, a description of their exchange and each view's factors.
 pub(in crate::check) fn exchanged_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
     let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
-    let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < SAME;
+    let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < MAX_SAME_DIFFERENCE;
     let one = views.first()?;
     let two = views
         .iter()

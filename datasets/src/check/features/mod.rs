@@ -24,35 +24,36 @@ pub(super) use focals::exchanged_focals;
 
 /// Maximum width to which views are reduced.
 const WIDEST: u32 = 192;
-/// Number of cells in x and y; each gives one feature.
+/// Number of cells across and down; each gives one feature.
 const CELLS: (u32, u32) = (14, 10);
 /// Radius of the patch around a feature that is compared.
 const RADIUS: u32 = 3;
-/// Minimum correlation of a match.
+/// Patches match only if their correlation is at least this.
 const MIN_ALIKE: f32 = 0.85;
-/// Maximum ratio of the best match's distance to that of the second best; a distance is 1 − correlation.
+/// A match is unique if its distance, 1 − correlation, is below this multiple of the second best one's.
 const UNIQUE: f32 = 0.6;
-/// Maximum distance between a match and its epipolar line, in pixels.
+/// A match lies on its epipolar line if its distance from it is at most this, in pixels.
 const NEAR: f64 = 1.0;
 /// [`NEAR`] for poses that are merely imprecise.
 const CLOSE: f64 = 3.0;
 /// Minimum width and height of reduced views; smaller ones are skipped, because a pixel is too large a fraction of
 /// them.
 const MIN_SIDE: u32 = 48;
-/// Minimum number of matches on which a judgement is based.
+/// Poses are judged only from at least this many matches.
 pub(super) const MIN_MATCHES: usize = 30;
-/// Minimum fraction of matches that another interpretation must explain.
+/// Another interpretation must explain at least this fraction of the matches.
 const MIN_SHARE: f64 = 0.6;
-/// Minimum increase of the explained fraction over the dataset reader's own interpretation.
+/// Another interpretation must explain a larger fraction of the matches than the dataset reader's own, by at least
+/// this.
 const MIN_MORE: f64 = 0.2;
-/// Minimum increase of the number of explained matches, in standard errors.
+/// The number of explained matches must increase by at least this many standard errors.
 const MIN_ERRORS: f64 = 4.0;
 /// Maximum number of views whose poses are tried, two at a time, for two pictures.
 const MAX_TRIED: usize = 48;
-/// Minimum fraction of matches that the poses of other views must explain to be reported.
+/// The poses of other views are reported only if they explain at least this fraction of the matches.
 const MIN_ELSEWHERE: f64 = 0.75;
-/// Maximum fraction of matches that the pictures' own poses may explain if the poses of other views are reported. Above
-/// this, the pictures' own poses may merely be imprecise, and one of many alternatives may fit better by chance.
+/// The poses of other views are reported only if the pictures' own poses explain at most this fraction of the matches.
+/// Otherwise, the pictures' own poses may merely be imprecise, and one of many alternatives may fit better by chance.
 const MAX_AS_READ: f64 = 0.5;
 
 /// Two views whose poses fit two pictures, a description, and the matches that they explain.

@@ -150,7 +150,7 @@ fn distorted(views: &mut [View], k1: f64) {
 #[test]
 fn lens_distortion_of_a_few_pixels_is_named() {
     for seed in [0, 2] {
-        for (k1, cause) in [(-0.2, "k1 about -0."), (0.2, "k1 about 0.")] {
+        for (k1, cause) in [(-0.2, "a k1 of about -0."), (0.2, "a k1 of about 0.")] {
             let mut wrong = views(seed, (256, 192));
             distorted(&mut wrong, k1);
             is_named("lens", &wrong, THOROUGH, cause);
@@ -227,7 +227,7 @@ fn depth_beyond_16_bits_is_named_with_its_file() {
         let report = check(&spec, 4, &|_, _| {}).unwrap();
         let said = &report.scenes[0].problems;
         let is_right = |said: &String| {
-            said.contains("_depth.png: the depth overflowed 16 bits: ")
+            said.contains("_depth.png: the depth overflowed 16 bits (")
                 && said.ends_with("store it in a coarser unit or as float")
         };
         assert_eq!(said.len(), usize::from(is_over), "{said:?}");

@@ -1,4 +1,4 @@
-//! Rectified pairs with the calibration of another scene, or with other numbers than disparities.
+//! Rectified pairs with the calibration of another scene, or with numbers that are not disparities.
 
 use std::path::Path;
 
@@ -134,7 +134,7 @@ fn disparities_of_another_scene_are_named() {
         });
         let (said, _) = of_pair(wrong);
         assert!(
-            said.contains("match each other, but not where the disparities lead"),
+            said.contains("match each other, but not at the disparities"),
             "{said}"
         );
     }

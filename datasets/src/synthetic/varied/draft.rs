@@ -74,7 +74,7 @@ impl<'a> Draft<'a> {
         low + self.random.below(high - low + 1)
     }
 
-    /// One of two, equally likely.
+    /// One of the two values, each equally likely.
     pub(super) fn one_of<T>(&mut self, first: T, second: T) -> T {
         if self.chance(50) { first } else { second }
     }

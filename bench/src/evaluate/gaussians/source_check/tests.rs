@@ -211,23 +211,23 @@ fn a_wrong_frame_colour_space_or_unit_is_named_and_a_right_one_is_not() {
         ..mapped(&round, normalized)
     };
     for (gaussians, words) in [
-        (mapped(&round, gl), "with `axes=rub`: "),
-        (mapped(&round, world), "with `space=world`: "),
-        (in_normalized, "with `space=normalized`: "),
+        (mapped(&round, gl), "with `axes=rub`, they"),
+        (mapped(&round, world), "with `space=world`, they"),
+        (in_normalized, "with `space=normalized`, they"),
         (
             recolored(&round, srgb_from_linear),
-            "with `color_space=srgb`: ",
+            "with `color_space=srgb`, they",
         ),
         (
             recolored(&mapped(&round, gl), srgb_from_linear),
-            "with `color_space=srgb` and `axes=rub`: ",
+            "with `color_space=srgb` and `axes=rub`, they",
         ),
         (
             in_millimetres,
-            "times as far away as the dataset's depth (s): use `scale=0.001`",
+            "times as far away as the dataset's depth (s); use `scale=0.001`",
         ),
         (in_feet, "use `scale=0.3`"),
-        (bgr, "with `channels=bgr`: "),
+        (bgr, "with `channels=bgr`, they"),
         (
             recolored(&round, |_| 0.9),
             "no other reading that was tried",
@@ -251,9 +251,12 @@ fn colours_of_another_form_are_named() {
         doubt_about_read(stored, reading).unwrap_or_default()
     };
     for (store, words) in [
-        ((|c| c * 255.0) as fn(f32) -> f32, "with `colors=rgb255`: "),
-        (|c| c, "with `colors=rgb01`: "),
-        (|c| c / 0.282_094_79, "with `colors=dc-uncentered`: "),
+        (
+            (|c| c * 255.0) as fn(f32) -> f32,
+            "with `colors=rgb255`, they",
+        ),
+        (|c| c, "with `colors=rgb01`, they"),
+        (|c| c / 0.282_094_79, "with `colors=dc-uncentered`, they"),
     ] {
         let said = read_as_dc(store);
         assert!(said.contains(words), "{words}: {said}");
@@ -277,7 +280,7 @@ fn what_numbers_suggest_is_told_where_the_photograph_does_not_refute_it() {
     dc.stored.decode(&mut misread);
     let said = doubt_beside(&photograph(), misread, dc, rgb01).unwrap();
     assert!(
-        said.contains("suggested: ") && said.contains("with `colors=rgb01`: "),
+        said.contains("suggested: ") && said.contains("with `colors=rgb01`, they"),
         "{said}"
     );
     // If two settings are needed, a single sentence names both.
@@ -285,7 +288,7 @@ fn what_numbers_suggest_is_told_where_the_photograph_does_not_refute_it() {
     let arrays = FileReading::of_arrays();
     let said = doubt_beside(&photograph(), bytes, arrays, Some("colors=rgb255")).unwrap();
     assert!(
-        said.contains("with `color_space=srgb` and `colors=rgb255`: "),
+        said.contains("with `color_space=srgb` and `colors=rgb255`, they"),
         "{said}"
     );
     assert!(!said.contains("suggested"), "{said}");
@@ -300,7 +303,7 @@ fn variances_and_another_focal_length_are_named() {
     let mut squared = round.clone();
     squared.scales.fill([0.03 * 0.03; 3]);
     let said = doubt_about_read(squared, logs).unwrap_or_default();
-    assert!(said.contains("with `scales=log-variance`: "), "{said}");
+    assert!(said.contains("with `scales=log-variance`, they"), "{said}");
     let narrow = DAffine3::from_scale(DVec3::new(0.8, 0.8, 1.0));
     let said = doubt_about(mapped(&round, narrow)).unwrap_or_default();
     assert!(said.contains("with `focal=1.2"), "{said}");
@@ -381,7 +384,10 @@ fn ignored_and_wide([x, y]: [f64; 2]) {
     assert!(!about_wide.contains("quaternions="), "{about_wide}");
     reading.rule = Some(sharp::render::Rule::INRIA);
     let text = said(&round, reading).unwrap_or_default();
-    assert!(text.contains("with `rendering=inria-general`: "), "{text}");
+    assert!(
+        text.contains("with `rendering=inria-general`, they"),
+        "{text}"
+    );
 }
 
 /// Axes that no known program uses: x forward, y right, z down.
@@ -390,7 +396,7 @@ fn unusual_axes_and_units_of_a_world_are_named() {
     let round = mapped(&wall(), DAffine3::IDENTITY);
     let turned = DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X);
     let said = doubt_about(mapped(&round, DAffine3::from_mat3(turned))).unwrap_or_default();
-    assert!(said.contains("with `axes=frd`: "), "{said}");
+    assert!(said.contains("with `axes=frd`, they"), "{said}");
     let world_from_camera = source().camera_from_world.inverse().to_affine();
     let millimetres = DAffine3::from_scale(DVec3::splat(1000.0)) * world_from_camera;
     let mut world = mapped(&round, millimetres);
@@ -398,7 +404,7 @@ fn unusual_axes_and_units_of_a_world_are_named() {
     let mut reading = FileReading::of_arrays();
     reading.placement.space = FileSpace::World;
     let said = doubt_about_world(world, reading).unwrap_or_default();
-    assert!(said.contains("with `scale=0.001`: "), "{said}");
+    assert!(said.contains("with `scale=0.001`, they"), "{said}");
 }
 
 #[test]
@@ -416,7 +422,7 @@ fn an_inverted_transform_is_named() {
     assert_eq!(said(world_from_file), None);
     let inverted = said(world_from_file.inverse()).unwrap_or_default();
     assert!(
-        inverted.contains("with the inverse of `transform=`: "),
+        inverted.contains("with the inverse of `transform=`, they"),
         "{inverted}"
     );
 }
@@ -430,7 +436,10 @@ fn gaussians_moved_to_the_world_by_the_inverse_pose_are_named() {
     let said = |pose: RigidTransform| doubt_about_world(mapped(&round, pose.to_affine()), reading);
     assert_eq!(said(pose.inverse()), None);
     let text = said(pose).unwrap_or_default();
-    assert!(text.contains("with the inverse of its pose: "), "{text}");
+    assert!(
+        text.contains("with the inverse of its pose, they"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -519,7 +528,7 @@ fn other_forms_of_logarithms_and_signed_colours_are_named() {
         file.stored.decode(&mut misread);
         let said = doubt_beside(&seen, misread, file, None).unwrap_or_default();
         assert!(
-            said.contains(&format!("with `{setting}`: ")),
+            said.contains(&format!("with `{setting}`, they")),
             "{setting}: {said}"
         );
     }
@@ -752,7 +761,10 @@ fn another_view_as_the_source_is_named_and_not_called_a_shift() {
         colored.colors[at] = pixel.0.map(linear);
     }
     let text = pair.said(colored);
-    assert!(text.contains("were they predicted from r,"), "{text}");
+    assert!(
+        text.contains("perhaps they were predicted from r,"),
+        "{text}"
+    );
     // Means in the right camera.
     let aside = DAffine3::from_translation(DVec3::X * -BASELINE_M);
     let placed = Gaussians {
@@ -761,7 +773,7 @@ fn another_view_as_the_source_is_named_and_not_called_a_shift() {
     };
     let text = pair.said(placed);
     assert!(
-        text.contains("with their means read as in the camera of r"),
+        text.contains("with their means read as in the camera of r, they"),
         "{text}"
     );
     // A wrong focal length is a single cause.
