@@ -167,7 +167,7 @@ impl<'a> SceneBuilder<'a> {
     /// Like [`SceneBuilder::finish`], but rejects a scene without views.
     ///
     /// # Errors
-    /// Names the list of frames, with the notes and `hint`.
+    /// [`DatasetError::Malformed`] that names the list of frames, and ends with the notes and `hint`.
     pub(crate) fn finish_with_views(self, id: String, hint: &str) -> Result<Scene, DatasetError> {
         let list = self.list.clone();
         let scene = self.finish(id);

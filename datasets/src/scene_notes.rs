@@ -175,7 +175,7 @@ fn grey_masks(masked: &[&View]) -> Option<String> {
     let share = shares.sum::<f64>() / masks.len().max(1) as f64;
     (share > MAX_GREY).then(|| {
         let cause = match masks.iter().find_map(labels) {
-            Some(labels) => format!("with areas of the levels {labels} like a map of objects"),
+            Some(labels) => format!("they have uniform areas of the levels {labels}, so perhaps they are maps of objects"),
             None => "perhaps stored as JPEG, or resized".to_owned(),
         };
         format!(

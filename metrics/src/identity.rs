@@ -92,7 +92,7 @@ impl LpipsVariant {
 /// A metric, without the region of pixels that it evaluates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Metric {
-    /// Peak signal-to-noise ratio of one picture, dB.
+    /// Peak signal-to-noise ratio of one picture, in dB.
     Psnr,
     /// PSNR with a mean squared error of at least 1e-8, i.e. at most 80 dB.
     PsnrFloored,

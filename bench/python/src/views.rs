@@ -79,14 +79,14 @@ impl Camera {
         self.intrinsics.height
     }
 
-    /// Intrinsics as a 3×3 matrix, pixels.
+    /// Intrinsics as a 3×3 matrix, in pixels.
     #[getter]
     fn K<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let columns = self.intrinsics.matrix();
         PyArray1::from_slice(py, &columns.transpose().to_cols_array()).reshape([3, 3])
     }
 
-    /// World-to-camera pose as a 4×4 matrix, metres.
+    /// World-to-camera pose as a 4×4 matrix, in metres.
     #[getter]
     fn camera_from_world<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         PyArray1::from_slice(py, &self.camera_from_world.to_row_major()).reshape([4, 4])

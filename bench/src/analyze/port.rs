@@ -19,16 +19,16 @@ use crate::pairs::PosedCamera;
 
 /// Maximum number of Gaussians on which hypotheses are tested.
 const SAMPLE: usize = 4096;
-/// Gaussians count as matched if their median distance is below this, pixels.
+/// Gaussians count as matched if their median distance is below this, in pixels.
 const SAME_PLACE: f64 = 2.0;
 /// Factor between two clearly different numbers: the median differences before and after another interpretation, or a
 /// common shift and its spread.
 const MUCH_LESS: f64 = 10.0;
 /// Median differences below this, per cent, need no explanation.
 const NEGLIGIBLE: f64 = 0.1;
-/// A common shift of all Gaussians is reported as a cause if it is at least this large, pixels.
+/// A common shift of all Gaussians is reported as a cause if it is at least this large, in pixels.
 const MIN_SHIFT: f64 = 0.05;
-/// Side of a cell of the neighbour search, pixels.
+/// Side of a cell of the neighbour search, in pixels.
 const CELL: f64 = 4.0;
 /// Weight of a relative difference in depth, pixels: 1 % of depth counts as one pixel.
 const PIXELS_OF_DEPTH: f64 = 100.0;

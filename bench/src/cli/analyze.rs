@@ -115,7 +115,7 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
 #[derive(Serialize)]
 struct Sensitivity {
     image: String,
-    /// Width and height of the compared part, pixels.
+    /// Width and height of the compared part, in pixels.
     window: [u32; 2],
     comparisons: Vec<ComparisonScores>,
     metrics: Vec<MetricInfo>,

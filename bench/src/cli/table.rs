@@ -35,7 +35,7 @@ Examples:
 
 Writes NAME.md, NAME.csv, NAME.html, NAME.tex for a paper, and NAME-document.tex, which compiles by itself.")]
 pub(super) struct TableArgs {
-    /// A table, by its name in `table list`, or `list`
+    /// Name of a table (`table list` shows all names), or `list`
     #[arg(value_name = "NAME")]
     name: String,
     /// Your own row: a run folder or bundle; name the method if the run has several; repeatable. `table

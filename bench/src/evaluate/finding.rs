@@ -60,11 +60,12 @@ pub enum PictureChange {
     Strip([i16; 2]),
     /// Several pictures side by side or one above the other.
     Panels,
-    /// The photograph is smaller along one axis, or along both with its upper left corner in place.
+    /// The content was padded: it appears reduced along one axis about the middle, or along both with its upper left corner in
+    /// place.
     Padded,
-    /// The photograph is larger along one axis.
+    /// The content was cropped and stretched to the target's size: it appears enlarged along one axis.
     Cropped,
-    /// The darkest and brightest levels became 0 and 255. The value is the gain in contrast, percent.
+    /// The darkest and brightest levels became 0 and 255. The value is the gain in contrast, in percent.
     Stretched(i16),
     /// Three equal channels, although the photograph is coloured.
     Grey,

@@ -88,9 +88,9 @@ pub struct ProtocolRecord {
 pub struct RendererRecord {
     /// The exact backend: `cpu-avx512`, or `wgpu:<adapter, driver>`.
     pub backend: String,
-    /// Minimum depth drawn, metres.
+    /// Minimum depth drawn, in metres.
     pub near: f64,
-    /// Maximum depth drawn, metres.
+    /// Maximum depth drawn, in metres.
     pub far: f64,
     /// Added to the diagonal of projected covariances, pixels², for Gaussians without their own rendering rule.
     pub eps2d: f64,

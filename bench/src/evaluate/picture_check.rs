@@ -20,18 +20,18 @@ use super::picture_placement::placement_change;
 use super::record::Record;
 use crate::scoring::Region;
 
-/// Maximum width compared, pixels.
+/// Maximum width compared, in pixels.
 const WIDTH: u32 = 160;
-/// Undoing a mirroring or rotation must bring a picture closer to its photograph by at least this, dB.
+/// Undoing a mirroring or rotation must bring a picture closer to its photograph by at least this, in dB.
 const MIN_GAIN: f64 = 1.0;
-/// [`MIN_GAIN`] for exchanged channels, which hardly change brightness, dB.
+/// [`MIN_GAIN`] for exchanged channels, which hardly change brightness, in dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
 /// [`MIN_GAIN`] for another transfer function, dB: linear light stored as sRGB loses far more, other exposures less.
 const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
 /// From this gain of sorted levels on, another transfer function need not fit them better than any exposure, dB: poor
 /// predictions do not have their photographs' levels.
 const MIN_GAIN_BY_RANK: f64 = 8.0;
-/// [`MIN_GAIN`] for another range of levels, which other exposures resemble, dB.
+/// [`MIN_GAIN`] for another range of levels, which other exposures resemble, in dB.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
 /// Other colour spaces are tried only below this PSNR, dB: pictures stored in one have 8 to 13. Skipping the rest saves
 /// time.

@@ -31,7 +31,7 @@ const MIN_FOUND_SHARE: f64 = 0.15;
 const STEPS: usize = 12;
 /// Weight of the prior for an unchanged framing, in blocks.
 const PRIOR: f64 = 0.05;
-/// A block agrees with a fit if its distance from it is at most this, pixels.
+/// A block agrees with a fit if its distance from it is at most this, in pixels.
 const MAX_OFF_FIT: f64 = 1.0;
 /// At least this share of the blocks must agree with a fit.
 const MIN_AGREEING: f64 = 0.6;
@@ -46,7 +46,7 @@ const MIN_RESAMPLED_ZOOM: f64 = 0.01;
 const MAX_RESAMPLINGS: usize = 4;
 /// Zooms that are undone if too few blocks are found.
 const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
-/// Larger distances count as this one, pixels.
+/// Larger distances count as this one, in pixels.
 const MAX_DISTANCE: f64 = 3.0;
 
 /// Measures how a picture frames its target; `None` if the framing is correct or cannot be measured. Picture and
@@ -110,7 +110,7 @@ pub(super) fn shown_framing(
 struct FramedTarget<'a> {
     focal: DVec2,
     middle: DVec2,
-    /// Half the width of the shrunk target, pixels.
+    /// Half the width of the shrunk target, in pixels.
     half: f64,
     translation: DVec3,
     /// Centres of the blocks with contrast.
@@ -119,7 +119,7 @@ struct FramedTarget<'a> {
 }
 
 /// A block's row of the linear system, whose unknowns are zoom, roll and shift (see [`fitted`]), and its displacement
-/// across its epipolar line, pixels.
+/// across its epipolar line, in pixels.
 type Line = (DVec4, f64);
 
 /// A measurement of a picture after undoing a zoom.
@@ -259,7 +259,7 @@ impl FramedTarget<'_> {
     }
 }
 
-/// Mean distance from the lines after subtracting a displacement, pixels.
+/// Mean distance from the lines after subtracting a displacement, in pixels.
 fn off(lines: &[Line], moved: impl Fn(&DVec4) -> f64) -> f64 {
     let all = lines
         .iter()

@@ -14,7 +14,7 @@ const MIN_WHITE: u8 = 247;
 const BAR: u32 = 50;
 /// Unfinished pictures lack at least this fraction of the rows (one in so many).
 const MISSING: u32 = 5;
-/// Two bars count as equally thick if their thickness differs by at most this, pixels.
+/// Two bars count as equally thick if their thickness differs by at most this, in pixels.
 const MAX_UNEVEN: u32 = 2;
 /// Neighbouring rows of interlaced pictures differ more than rows two apart, by this factor.
 const MIN_STEPS: f64 = 1.2;
@@ -24,7 +24,7 @@ const MAX_STEPS: f64 = 1.05;
 const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;
 /// In such pictures, at most this many lines in succession are equal to the line before.
 const MAX_REPEATED: usize = 15;
-/// Maximum size of the central part in which steps are measured, pixels.
+/// Maximum size of the central part in which steps are measured, in pixels.
 const STEPS_WITHIN: u32 = 256;
 
 /// The change that the arrangement of a picture's pixels shows, if any.

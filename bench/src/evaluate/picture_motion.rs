@@ -33,7 +33,7 @@ const MIN_GAIN: f64 = 0.1;
 const MIN_BLOCKS: usize = 8;
 /// Motion is measured only if at least this share of the blocks are found in the picture.
 const MIN_FOUND_SHARE: f64 = 0.4;
-/// A block is compared only if its true motion is at least this, pixels.
+/// A block is compared only if its true motion is at least this, in pixels.
 const MIN_MOTION: f64 = 3.0;
 /// At least this share of the blocks must agree with a multiple of the motion.
 const MIN_AGREEING: f64 = 0.6;
@@ -50,11 +50,11 @@ const MAX_SIMPLER_SHARE: f64 = 0.75;
 const STILL_PERCENT: i16 = 20;
 /// [`MIN_AGREEING`] for nearly still pictures: blends of the source with a prediction partly show the source.
 const MIN_AGREEING_STILL: f64 = 0.8;
-/// From this rotation on, the inverse pose is distinguished from a negated translation, degrees.
+/// From this rotation on, the inverse pose is distinguished from a negated translation, in degrees.
 const MIN_TURN: f64 = 0.5;
 /// A translation is along one axis if that component is at least this share of its length.
 const MIN_ALONG_AXIS: f64 = 0.97;
-/// A block is at an expected place if its distance from it is at most this, pixels.
+/// A block is at an expected place if its distance from it is at most this, in pixels.
 const MAX_OFF: f64 = 1.0;
 /// [`MAX_OFF`] as a share of the motion; the larger of the two counts.
 const MAX_OFF_SHARE: f64 = 0.1;

@@ -30,12 +30,12 @@ const SAMPLED: usize = 8;
 const OTHERS: usize = 12;
 /// A finding is reported only if at least this many pictures of a dataset agree on it.
 const FEWEST: usize = 3;
-/// A picture shows another target only if it is closer to it than to its own by at least this, dB.
+/// A picture shows another target only if it is closer to it than to its own by at least this, in dB.
 const MIN_GAIN: f64 = 2.0;
 /// A picture is a copy of the source's photograph, perhaps stored as JPEG, if its PSNR against that is at least this,
 /// dB, and [`MIN_COPY_GAIN`] holds, too.
 const MIN_COPY_PSNR: f64 = 40.0;
-/// A copy is closer to the source's photograph than to the target's by at least this, dB.
+/// A copy is closer to the source's photograph than to the target's by at least this, in dB.
 const MIN_COPY_GAIN: f64 = 10.0;
 
 /// A prediction shows the source's view if it is closer to the source's photograph than to the target's by at least
@@ -163,8 +163,10 @@ pub(super) fn note_order(
     };
 }
 
-/// The target that a picture shows best: its own (`seen`) unless one of `others` is significantly better, or unless it
-/// is the source's photograph. `None` if it does not have its own target's size. All are [`shrunk`].
+/// The view that the picture `shown` resembles most: [`ShownTarget::Source`] if it is a copy of the source's photograph,
+/// [`ShownTarget::SourceView`] if it is significantly closer to that photograph than to its own target `seen`, else the
+/// closest of `others` that is significantly closer than `seen` is, else [`ShownTarget::Own`]. `None` if `shown` and `seen`
+/// differ in size. All pictures must be [`shrunk`].
 pub(crate) fn shown_target(
     seen: &RgbImage,
     shown: &RgbImage,

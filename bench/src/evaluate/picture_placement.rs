@@ -11,7 +11,7 @@ use super::finding::PictureChange;
 use super::gaussians::likeness::Likeness;
 use crate::scoring::Region;
 
-/// Width at which the place is searched, pixels.
+/// Width at which the place is searched, in pixels.
 const SEARCH_WIDTH: u32 = 48;
 /// Sizes of the photograph from which the search starts.
 const STARTS: [f64; 9] = [0.5, 0.5625, 0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.78];
@@ -23,9 +23,9 @@ const MIN_COVERED: f64 = 0.5;
 const MIN_RESIZED: f64 = 0.018;
 /// An edge counts as unmoved if it is off by less than this, in sizes of the picture.
 const MAX_UNMOVED: f64 = 0.009;
-/// Another place must bring the picture closer to the photograph by at least this, dB.
+/// Another place must bring the picture closer to the photograph by at least this, in dB.
 const MIN_PLACE_GAIN_DB: f64 = 1.5;
-/// Panels must bring the picture closer to the photograph by at least this, dB.
+/// Panels must bring the picture closer to the photograph by at least this, in dB.
 const MIN_PANEL_GAIN_DB: f64 = 3.0;
 
 /// Whether a picture shows the photograph in panels, or all of it at another size. Both are shrunk to the same size.

@@ -15,7 +15,7 @@ use super::record::{Record, Status};
 
 /// Number of cells across and down.
 const GRID: [u32; 2] = [32, 24];
-/// Quantiles that are compared, percent.
+/// Quantiles that are compared, in percent.
 const QUANTILES: [usize; 5] = [10, 30, 50, 70, 90];
 /// Pixels up to this level are black. Cells with a black pixel are skipped as holes, unless the target is dark there.
 const MAX_BLACK: u8 = 3;
@@ -41,7 +41,7 @@ const MIN_FOLLOWING: f64 = 0.4;
 const MIN_MEAN_SHARE: f64 = 0.7;
 /// Gains are a white balance if those of two channels differ by at least this factor.
 const MIN_BALANCE: f64 = 1.06;
-/// Squared distances from the middle, relative to those of the corners, that count as middle, as between and as corner.
+/// The rings that are compared (middle, halfway, corners), as ranges of the squared distance from the middle; a corner is at 1.
 const RINGS: [(f64, f64); 3] = [(0.0, 0.12), (0.3, 0.5), (0.65, 1.0)];
 /// Corners count as dark if they are darkened by at least this, as a logarithm.
 const MIN_DARKENING: f64 = 0.16;

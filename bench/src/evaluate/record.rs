@@ -69,9 +69,9 @@ pub struct Record {
     pub target: String,
     /// Label of the method instance, a row of the tables.
     pub method: String,
-    /// Distance of the two camera centres, metres.
+    /// Distance of the two camera centres, in metres.
     pub baseline_m: f64,
-    /// Angle between the two cameras, degrees.
+    /// Angle between the two cameras, in degrees.
     pub rotation_deg: f64,
     /// Median ground-truth depth of the target view, metres. If the target of a stereo pair has no depth, the median of
     /// the source's depth.

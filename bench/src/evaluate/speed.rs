@@ -33,7 +33,7 @@ pub struct SpeedOptions {
 pub struct Speed {
     pub dataset: String,
     pub method: String,
-    /// Widths and heights of the targets, pixels.
+    /// Widths and heights of the targets, in pixels.
     pub sizes: BTreeSet<(u32, u32)>,
     pub pairs: usize,
     /// Seconds per round from the source picture in memory to the Gaussians in memory, or to the picture for methods

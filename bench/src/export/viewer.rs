@@ -57,7 +57,7 @@ struct ViewerPage<'a> {
     title: &'a str,
     lead: String,
     views: usize,
-    /// Distance of the focus, metres.
+    /// Distance of the focus, in metres.
     focus: String,
     facts: String,
     shaders: String,

@@ -103,7 +103,7 @@ pub struct Placement {
     pub scale: f64,
     /// Map from the file's coordinates, in OpenCV's axes and metres, to `space`.
     pub transform: Option<DAffine3>,
-    /// Shift (right, down) of the whole scene as seen by the source's camera, pixels.
+    /// Shift (right, down) of the whole scene as seen by the source's camera, in pixels.
     pub shift: [f64; 2],
     /// Horizontal and vertical focal length used to unproject the file's points, as multiples of the source's.
     pub focal: [f64; 2],

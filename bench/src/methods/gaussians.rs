@@ -25,7 +25,7 @@ use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::{path_of, source_of};
 use crate::rendering::pose_alignment;
 
-/// Principal points count as equal if they differ by at most this along both axes, pixels.
+/// Principal points count as equal if they differ by at most this along both axes, in pixels.
 const MIN_SHIFT: f64 = 0.75;
 
 /// Extras that count Gaussians dropped by the renderer, and the reasons as text.

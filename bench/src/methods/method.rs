@@ -118,12 +118,12 @@ impl<'a> TargetCamera<'a> {
         &self.camera.intrinsics
     }
 
-    /// Width and height of the picture to predict, pixels.
+    /// Width and height of the picture to predict, in pixels.
     pub fn size(&self) -> (u32, u32) {
         self.camera.size()
     }
 
-    /// Maps points from the source camera's coordinates to this camera's, metres.
+    /// Maps points from the source camera's coordinates to this camera's, in metres.
     pub fn target_from_source(&self, source: &SourceView) -> RigidTransform {
         source.camera.to(self.camera)
     }
@@ -168,12 +168,12 @@ pub enum GaussianSpace {
     /// The source's normalised space: the picture's edges are at ±1, z is in metres. Placed by E_t E_s⁻¹ K_s⁻¹.
     #[default]
     Normalized,
-    /// A space that this affine map transforms to the source camera's space, metres.
+    /// A space that this affine map transforms to the source camera's space, in metres.
     Camera(DAffine3),
 }
 
 impl GaussianSpace {
-    /// The source camera's space itself, metres.
+    /// The source camera's space itself, in metres.
     pub const CAMERA: Self = Self::Camera(DAffine3::IDENTITY);
 }
 

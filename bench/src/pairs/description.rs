@@ -23,12 +23,12 @@ pub struct PairDescription {
     pub scene: String,
     pub source: ViewDescription,
     pub target: ViewDescription,
-    /// Intrinsics of the source picture, 3×3 row by row, pixels.
+    /// Intrinsics of the source picture, 3×3 row by row, in pixels.
     #[serde(rename = "K_s")]
     pub k_s: [f64; 9],
     #[serde(rename = "K_t")]
     pub k_t: [f64; 9],
-    /// 4×4 row by row: X_target = target_from_source · X_source, metres.
+    /// 4×4 row by row: X_target = target_from_source · X_source, in metres.
     pub target_from_source: [f64; 16],
     /// Location and size of the expected prediction.
     pub prediction: ExpectedPrediction,
@@ -116,7 +116,7 @@ impl PairDescription {
 pub struct PosedCamera {
     pub id: String,
     pub intrinsics: Intrinsics,
-    /// World-to-camera extrinsics, metres.
+    /// World-to-camera extrinsics, in metres.
     pub camera_from_world: RigidTransform,
 }
 

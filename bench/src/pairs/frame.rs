@@ -30,7 +30,7 @@ pub struct Frame {
     pub kernel: ResizeKernel,
 }
 
-/// Rules; sizes are width and height, pixels.
+/// Rules; sizes are width and height, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameRule {
     Cover(u32, u32),

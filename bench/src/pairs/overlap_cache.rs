@@ -34,7 +34,7 @@ pub(super) struct Overlaps {
 /// Facts about a view's depth at its full size.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct DepthFacts {
-    /// Median of the valid depths, metres.
+    /// Median of the valid depths, in metres.
     pub(super) median_m: f64,
     /// See [`density`](crate::pairs::valid_depth::density).
     pub(super) density: f64,

@@ -19,9 +19,9 @@ pub struct Pair {
     pub source_sha256: String,
     /// SHA-256 of the target's photograph; empty if it could not be read.
     pub target_sha256: String,
-    /// Distance of the two camera centres, metres.
+    /// Distance of the two camera centres, in metres.
     pub baseline_m: f64,
-    /// Angle between the two cameras, degrees.
+    /// Angle between the two cameras, in degrees.
     pub rotation_deg: f64,
     /// Median depth of the target, metres. If the target of a stereo pair has no depth, the median of the source's
     /// depth, because both views of a rectified pair share the depth axis. `None` if neither has depth.

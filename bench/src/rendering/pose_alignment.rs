@@ -19,21 +19,21 @@ use crate::pairs::depth::median_depth_m;
 
 /// Width of the last and largest picture, pixels, unless the target is narrower. Each earlier picture is half as wide.
 const WIDEST: u32 = 640;
-/// Pictures narrower than this are not used, pixels.
+/// Pictures narrower than this are not used, in pixels.
 const NARROWEST: u32 = 60;
 /// Minimum low-pass for all pictures but the last, px². It makes it unlikely that Gaussians are smaller than a pixel.
 const LOW_PASS: f32 = 0.3;
-/// The initial shift is searched in the largest picture up to this width, pixels.
+/// The initial shift is searched in the largest picture up to this width, in pixels.
 const SHIFT_WIDTH: u32 = 160;
 /// Maximum initial shift, as a share of the width.
 const MAX_SHIFT: f64 = 0.1;
 /// Maximum number of steps per width and reach.
 const STEPS: usize = 20;
-/// Half the distance between the two renderings of a central difference, pixels.
+/// Half the distance between the two renderings of a central difference, in pixels.
 const REACH: f64 = 0.5;
 /// Reaches of the final rounds at the last width. A smaller reach lowers the effect of single pixels.
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
-/// Iteration at a width ends after a step smaller than this, pixels.
+/// Iteration at a width ends after a step smaller than this, in pixels.
 const LAST_STEP: f64 = 0.01;
 /// Damping of the first step.
 const INITIAL_DAMPING: f64 = 1e-3;
@@ -54,7 +54,7 @@ pub struct Moved {
     /// Maps coordinates of the given camera to those of the moved one.
     pub map: DAffine3,
     pub rotation_deg: f64,
-    /// Length of the translation, metres.
+    /// Length of the translation, in metres.
     pub translation: f64,
     pub steps: usize,
 }

@@ -87,7 +87,7 @@ pub enum MissingPicture {
     /// An input of the error map is missing.
     #[error("no {0}")]
     Without(&'static str),
-    /// The pictures of an error map have different sizes: width and height, pixels.
+    /// The pictures of an error map have different sizes: width and height, in pixels.
     #[error("the prediction has {} × {} pixels, but the target has {} × {}", prediction.0, prediction.1, target.0, target.1)]
     Sizes {
         prediction: (u32, u32),

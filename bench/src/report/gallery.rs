@@ -78,7 +78,7 @@ pub struct Gallery<'a> {
     pub pairs: Vec<GalleryPair<'a>>,
     /// Number of pairs in the run.
     pub of: usize,
-    /// Longest side of the pictures, pixels.
+    /// Longest side of the pictures, in pixels.
     pub side: u32,
 }
 

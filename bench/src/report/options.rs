@@ -65,7 +65,7 @@ impl Layout {
 pub struct PictureBudget {
     /// Total stored size, bytes; pictures are reduced to fit.
     pub bytes: usize,
-    /// Longest side of a picture, pixels.
+    /// Longest side of a picture, in pixels.
     pub side: u32,
 }
 

@@ -50,7 +50,7 @@ impl GroundTruth {
         self.valid.as_ref()
     }
 
-    /// Width and height, pixels.
+    /// Width and height, in pixels.
     pub fn dimensions(&self) -> (u32, u32) {
         self.image.dimensions()
     }

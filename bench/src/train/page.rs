@@ -26,7 +26,7 @@ use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure, point};
 const STRETCHES: usize = 30;
 /// Maximum number of pairs shown.
 const SAMPLES: usize = 8;
-/// Longest side of a shown picture, pixels.
+/// Longest side of a shown picture, in pixels.
 const SIDE: u32 = 320;
 const STEPS: &str = "steps";
 

@@ -5,8 +5,7 @@
 use serde::Serialize;
 
 /// Poses and depth are consistent if at least this fraction of the overlapping depths agree in one pair of neighbours.
-/// Occlusion reduces it even
-/// for correct poses; in wrongly interpreted real frames, a fifth agree.
+/// Occlusion reduces it even for correct poses; in wrongly interpreted real frames, a fifth agree.
 const MIN_AGREEING: f64 = 0.3;
 
 /// Agreement of neighbouring views under one pose convention.

@@ -146,8 +146,8 @@ impl<'a> RecordReader<'a> {
         Ok(taken)
     }
 
-    /// Reads a number of records of at least `smallest` bytes each, and checks that the rest of the
-    /// file can contain them.
+    /// Reads a record count, and checks that the rest of the file can hold that many records of at least `smallest`
+    /// bytes.
     fn count(&mut self, smallest: usize) -> Result<usize, FormatError> {
         let n = self.u64()?;
         match usize::try_from(n) {

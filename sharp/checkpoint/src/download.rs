@@ -52,9 +52,9 @@ pub const ATTEMPTS: usize = 3;
 impl Download {
     /// Downloads the whole file to `part`.
     ///
-    /// A transfer interrupted during this or an earlier call is resumed as long as each attempt makes progress, unless
-    /// the server reports that its file has changed in the meantime. Proxies are configured by the usual environment
-    /// variables.
+    /// A transfer interrupted during this or an earlier call is resumed until [`ATTEMPTS`] consecutive attempts bring no
+    /// new byte. It starts again if the server reports that its file has changed in the meantime. Proxies are configured by
+    /// the usual environment variables.
     ///
     /// # Errors
     /// [`DownloadError`] with the address and the reason. The bytes received so far stay in `part`.

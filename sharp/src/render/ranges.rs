@@ -226,7 +226,7 @@ pub(super) struct Band<'a> {
 }
 
 impl<'a> Band<'a> {
-    /// Side of a tile, pixels.
+    /// Side of a tile, in pixels.
     pub(super) fn tile(self) -> usize {
         self.tile
     }

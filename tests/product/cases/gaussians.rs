@@ -136,7 +136,7 @@ fn opacities_without_the_logit_are_named_by_numbers_and_by_the_photograph() {
 #[test]
 fn another_order_of_quaternions_is_found_by_the_photograph() {
     let case = case("A10-quat-xyzw");
-    case.is_said_everywhere("r", "with `quaternions=xyzw`, they show it at 26.91 dB");
+    case.is_said_everywhere("r", "with `quaternions=xyzw`, they reach 26.91 dB");
     close(with(&case, "quaternions=xyzw"), 20.9783);
 }
 
@@ -144,7 +144,7 @@ fn another_order_of_quaternions_is_found_by_the_photograph() {
 fn scales_that_are_no_logarithms_are_named_by_numbers_and_by_the_photograph() {
     let case = case("A11-scales-linear");
     case.is_said_everywhere("r", "`scales=linear` reads them without exponentiation");
-    case.is_said_everywhere("r", "with `scales=linear`, they show it at 26.91 dB");
+    case.is_said_everywhere("r", "with `scales=linear`, they reach 26.91 dB");
     assert!(
         case.said[1].out.contains("scales=linear"),
         "{}",
@@ -156,10 +156,10 @@ fn scales_that_are_no_logarithms_are_named_by_numbers_and_by_the_photograph() {
 #[test]
 fn turned_and_world_space_files_are_named_with_the_setting_that_mends_them() {
     let turned = case("A13-rot180z");
-    turned.is_said_everywhere("r", "with `axes=luf`, they show it at 33.92 dB");
+    turned.is_said_everywhere("r", "with `axes=luf`, they reach 33.92 dB");
     close(with(&turned, "axes=luf"), 19.0306);
     let world = case("A14-world");
-    world.is_said_everywhere("r", "with `space=world`, they show it at 33.92 dB");
+    world.is_said_everywhere("r", "with `space=world`, they reach 33.92 dB");
     close(with(&world, "space=world"), 19.0306);
     // One file per scene.
     let folder = world.path("g/synthetic");

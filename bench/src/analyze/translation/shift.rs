@@ -57,7 +57,7 @@ impl FromStr for Shifts {
 #[derive(Debug)]
 pub struct Windows<'a> {
     picture: &'a RgbImage,
-    /// Width and height of the window, pixels.
+    /// Width and height of the window, in pixels.
     pub size: (u32, u32),
 }
 

@@ -236,7 +236,7 @@ struct Info {
     doubts: Vec<String>,
 }
 
-/// Plausible median depths of photographs, metres.
+/// Plausible median depths of photographs, in metres.
 const PLAUSIBLE_DEPTH: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
 fn describe(scene: &GaussianScene) -> Info {
@@ -368,7 +368,7 @@ impl Display for Info {
         writeln!(
             f,
             "colours          {}, degree {}, {view}",
-            space.unwrap_or("linear or srgb; the file does not say"),
+            space.unwrap_or("linear or srgb (not stated in the file)"),
             self.color_degree
         )?;
         if let Some(generator) = self.generator {

@@ -17,7 +17,7 @@ pub(super) fn offset(text: &str) -> Result<DVec3, &'static str> {
         .ok_or("expected three numbers: X,Y,Z in metres")
 }
 
-/// Parses the depths at the ends of the colour scale, metres.
+/// Parses the depths at the ends of the colour scale, in metres.
 pub(super) fn depth_range(text: &str) -> Result<[f32; 2], &'static str> {
     numbers(text)
         .filter(|[near, far]: &[f32; 2]| *near > 0.0 && near < far && far.is_finite())

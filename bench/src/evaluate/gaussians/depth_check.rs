@@ -11,8 +11,8 @@ use crate::pairs::valid_depth::{is_valid_depth, median_of};
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
 /// The unit may differ if depths differ by more than this factor. Predictions without a unit are off by less.
 const MIN_FACTOR: f64 = 1.5;
-/// The unit differs only if the factor's logarithm exceeds this multiple of the spread of depth ratios, which is due to
-/// prediction errors.
+/// Another unit is reported only if the logarithm of the factor exceeds this multiple of the spread of the logarithms of the
+/// depth ratios. Prediction errors cause such a spread.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
 /// Ray lengths are considered only with at least this many pixels.
 const FEWEST_RAYS: usize = 300;
@@ -62,7 +62,7 @@ pub(super) fn depth_doubt(
     if of_inverse * INVERSE_SIGNIFICANCE < spread {
         let text = format!(
             "its Gaussians are far where the dataset's depth is near, and near where it is far \
-             ({id}), so inverse depth was probably mistaken for depth, which no setting corrects"
+             ({id}), so inverse depth was probably mistaken for depth; no setting corrects this"
         );
         return Some((None, text));
     }

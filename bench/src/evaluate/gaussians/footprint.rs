@@ -115,7 +115,7 @@ pub(in crate::evaluate) fn mean_area(gaussians: &Gaussians, view: &RenderView) -
     sum / f64::from(n.max(1))
 }
 
-/// A Gaussian's projection, pixels.
+/// A Gaussian's projection, in pixels.
 struct Projected {
     centre: [f64; 2],
     /// Rows of the Jacobian: motion to the right, and down, per unit along each of the Gaussian's axes, whose lengths

@@ -5,12 +5,12 @@ use image::imageops::thumbnail;
 
 use crate::scoring::Region;
 
-/// Size of the reduced pictures that `blur` compares, pixels.
+/// Size of the reduced pictures that `blur` compares, in pixels.
 const COARSE: (u32, u32) = (16, 12);
 /// A picture counts as blurred if at least this share of the photograph's contrast is missing.
 /// Pictures of other views have full contrast.
 const MIN_BLUR: f64 = 0.4;
-/// Maximum width and height compared, pixels.
+/// Maximum width and height compared, in pixels.
 const SIDES: (u32, u32) = (160, 120);
 /// Another reading is better only if its gain is at least this, dB. If a file was read correctly, other readings change
 /// the error by only some hundredths of a dB.
@@ -26,7 +26,7 @@ const MAX_ABOUT_EQUAL: f64 = 1.1;
 const MIN_EXPLAINED: f64 = 0.5;
 /// The contrasts of a picture and its photograph are reported if one is at least this multiple of the other.
 const MIN_CONTRAST_RATIO: f64 = 1.6;
-/// Contrasts are reported only if correcting brightness and contrast gains at least this, dB.
+/// Contrasts are reported only if correcting brightness and contrast gains at least this, in dB.
 const MIN_CONTRAST_GAIN_DB: f64 = 6.0;
 /// Pictures count as equal below this mean squared error, levels²: rounding and truncation to 8 bit differ by less.
 const ROUNDING: f64 = 1.0;
@@ -194,7 +194,7 @@ impl Likeness {
         }
     }
 
-    /// The factor by which this squared error is smaller than that of `other`, dB.
+    /// The factor by which this squared error is smaller than that of `other`, in dB.
     pub(in crate::evaluate) fn gain_over(&self, other: &Self) -> f64 {
         10.0 * (other.error() / self.error()).log10()
     }

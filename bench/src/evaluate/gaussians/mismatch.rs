@@ -16,11 +16,11 @@ const WIDTHS: [f64; 8] = [1.0 / 3.0, 0.1, 0.01, 0.001, 3.0, 10.0, 100.0, 1000.0]
 const MIN_NARROWER_GAIN_DB: f64 = 4.0;
 /// Wider standard deviations are reported only if they gain at least this, dB. Correct Gaussians with holes gain less.
 const MIN_WIDER_GAIN_DB: f64 = 6.0;
-/// A factor that the depth suggests is reported only if it gains at least this, dB.
+/// A factor that the depth suggests is reported only if it gains at least this, in dB.
 const MIN_WIDTHS_GAIN_DB: f64 = 1.0;
 /// Wider Gaussians are tried only up to this many per pixel.
 const MAX_LAYERS: f64 = 300.0;
-/// Smaller rotations are not tried, degrees.
+/// Smaller rotations are not tried, in degrees.
 const MIN_TURN_DEG: f64 = 3.0;
 
 impl Trial<'_> {

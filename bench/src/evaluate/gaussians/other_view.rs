@@ -48,7 +48,7 @@ impl OtherView<'_> {
         let (id, db) = (&self.view.id, self.fit.psnr());
         match self.is_frame {
             true => format!(
-                "{shown}; with their means read as in the camera of {id}, they show it at {db:.2} dB; either write means \
+                "{shown}; with their means read as in the camera of {id}, they reach {db:.2} dB; either write means \
                  in the space of the source's own camera, or set `space=target` if each pair has a file in its target's \
                  camera"
             ),

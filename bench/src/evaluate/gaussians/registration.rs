@@ -8,7 +8,7 @@ use image::imageops::thumbnail;
 /// `SEARCHES` steps.
 const REACH: i32 = 3;
 const SEARCHES: usize = 8;
-/// Maximum picture width for the zoom search, pixels.
+/// Maximum picture width for the zoom search, in pixels.
 const WIDTH: u32 = 160;
 /// Zooms from exp(−n/50) to exp(n/50) are tried.
 const ZOOMS: i32 = 26;

@@ -17,7 +17,7 @@ use crate::rendering::pose_alignment::fit_camera;
 use crate::rendering::shared::{HOLE_ALPHA, surface_depth};
 use crate::scoring::GroundTruth;
 
-/// A fitted camera causes a warning if it was turned by more than this, degrees.
+/// A fitted camera causes a warning if it was turned by more than this, in degrees.
 const FAR_TURNED: f64 = 15.0;
 /// A fitted camera causes a warning if it was moved by more than this share of the median depth.
 const FAR_MOVED: f64 = 0.25;

@@ -22,9 +22,9 @@ use crate::scoring::Region;
 /// A reading is tried only if it has at most this many Gaussians per pixel on average; no
 /// photograph needs more.
 const MAX_LAYERS: f64 = 3000.0;
-/// A reading is tried in other views only if it gains at least this in the source, dB.
+/// A reading is tried in other views only if it gains at least this in the source, in dB.
 const MIN_SOURCE_GAIN_DB: f64 = 0.25;
-/// A form of the numbers is ruled out if it loses this much in the source, dB.
+/// A form of the numbers is ruled out if it loses this much in the source, in dB.
 const RULED_OUT_LOSS_DB: f64 = 1.0;
 /// [`RULED_OUT_LOSS_DB`] for logarithms of opacities: the stored values are strong evidence for them, and the source
 /// hardly any against.
@@ -44,7 +44,7 @@ const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
 /// A change of the focal length is small below this, relatively, and needs [`MIN_SMALL_ZOOM_GAIN_DB`]: Gaussians with a
 /// wrong shape may fit better by chance if they are slightly enlarged.
 const SMALL_ZOOM: f64 = 0.05;
-/// A small change of the focal length must gain at least this, dB.
+/// A small change of the focal length must gain at least this, in dB.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
 /// Standard deviations may be logarithms to the base of 10 only if more than this many Gaussians cover a pixel on
 /// average.
@@ -88,7 +88,7 @@ impl Trial<'_> {
         }
     }
 
-    /// The point of the whole picture that the rule takes as its principal point, pixels.
+    /// The point of the whole picture that the rule takes as its principal point, in pixels.
     pub(in crate::evaluate) fn principal_point(&self) -> [f64; 2] {
         let k = self.source.intrinsics;
         match self.rule.map(|rule| rule.principal_point) {
@@ -157,7 +157,8 @@ impl Trial<'_> {
         mean_area(&gaussians.subset(&seen.members), &view)
     }
 
-    /// Compares a rendering of Gaussians with the part; `None` if no Gaussian reaches it, or too many do.
+    /// Compares a rendering of the `gaussians` with this trial's part of the photograph. `None` if none reaches it, or if
+    /// more than [`MAX_LAYERS`] cover a pixel on average.
     pub(in crate::evaluate) fn fit(
         &self,
         gaussians: &Gaussians,
@@ -170,7 +171,7 @@ impl Trial<'_> {
         }))
     }
 
-    /// Share of the part that the `gaussians` cover.
+    /// Share of this trial's part of the photograph that the `gaussians` cover.
     fn covered(
         &self,
         gaussians: &Gaussians,

@@ -39,7 +39,7 @@ use crate::scoring::Region;
 
 /// Extra with the PSNR between the source's photograph and its rendering, dB; at most 100, so that it is finite.
 pub const SOURCE_PSNR: &str = "source_psnr";
-/// Extra with the median depth of the source's rendering, metres.
+/// Extra with the median depth of the source's rendering, in metres.
 pub const SOURCE_DEPTH: &str = "source_depth_m";
 
 /// Extra for a blurred rendering of the source: the share of the photograph's contrast that is missing, 0..1.
@@ -47,9 +47,9 @@ pub const SOURCE_BLUR: &str = "source_blur";
 
 /// Other readings are tried only if at least this share of the photograph is valid.
 const MIN_VALID: f64 = 0.95;
-/// No other reading is tried if the PSNR of the source's rendering is at least this, dB.
+/// No other reading is tried if the PSNR of the source's rendering is at least this, in dB.
 const RIGHT_DB: f64 = 38.0;
-/// A setting that gains less than this may only compensate for wrong standard deviations, dB.
+/// A setting that gains less than this may only compensate for wrong standard deviations, in dB.
 const WEAK_DB: f64 = 3.0;
 /// Contrast, relative to the photograph, of colours whose coefficients were multiplied by the constant harmonic, 0.282,
 /// instead of divided by it: its square, 0.08.
@@ -246,7 +246,7 @@ struct Findings<'a> {
     /// Start of each sentence: how well the Gaussians, as read, reproduce the photograph.
     shown: String,
     as_read: Likeness,
-    /// [`Self::as_read`], but rendered like the other comparisons.
+    /// [`Self::as_read`], but of a rendering of the part alone, like all other readings.
     compared: Likeness,
     better: Option<(FileReading, Likeness)>,
     other: Option<OtherView<'a>>,
@@ -355,16 +355,16 @@ impl<'a> Findings<'a> {
             _ if let Some(fit) = &self.inverse => (
                 "pose",
                 format!(
-                    "{shown}; with the inverse of its pose, they show it at {:.2} dB, because they were moved to world \
-                     space with the world-to-camera extrinsics, which no setting corrects; use camera-to-world",
+                    "{shown}; with the inverse of its pose, they reach {:.2} dB, so they were moved to world space with the \
+                     world-to-camera extrinsics; no setting corrects this; use camera-to-world",
                     fit.psnr()
                 ),
             ),
             _ if let Some((degrees, fit)) = &self.turned => (
                 "rotations",
                 format!(
-                    "{shown}; with their quaternions turned by {degrees:.0}°, they show it at {:.2} dB, because their \
-                     means were turned without their quaternions, which no setting corrects; turn both",
+                    "{shown}; with their quaternions turned by {degrees:.0}°, they reach {:.2} dB, so their means were \
+                     turned without their quaternions; no setting corrects this; turn both when writing the file",
                     fit.psnr()
                 ),
             ),
@@ -401,7 +401,7 @@ impl<'a> Findings<'a> {
                     false => String::new(),
                 };
                 let text = format!(
-                    "{shown}{holes}; with {named}, they show it at {:.2} dB",
+                    "{shown}{holes}; with {named}, they reach {:.2} dB",
                     fit.psnr()
                 );
                 return Some((half.map_or("reading", String::as_str).to_owned(), text));

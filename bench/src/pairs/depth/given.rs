@@ -14,7 +14,7 @@ use crate::pairs::valid_depth::is_valid_depth;
 
 const EXTENSIONS: [&str; 5] = ["npy", "npz", "exr", "pfm", "png"];
 
-/// Unit of a 16-bit PNG, metres.
+/// Unit of a 16-bit PNG, in metres.
 const PNG_UNIT_M: f64 = 0.001;
 
 /// Reads `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`, each part percent-encoded as in pair ids.

@@ -24,11 +24,11 @@ pub enum OverlapTest {
     /// The depth at that position differs by less than `absolute_m + relative · z`, and z exceeds `min_depth_m`.
     /// [`Self::MAP_ANYTHING`] has the values of MapAnything's covisibility.
     AbsoluteRelative {
-        /// Tolerance, metres.
+        /// Tolerance, in metres.
         absolute_m: f64,
         /// Tolerance as a share of z.
         relative: f64,
-        /// Minimum depth to count as seen, metres.
+        /// Minimum depth to count as seen, in metres.
         min_depth_m: f64,
     },
 }

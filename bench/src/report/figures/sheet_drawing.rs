@@ -46,7 +46,7 @@ struct Line {
     ink: Ink,
 }
 
-/// A laid-out sheet, pixels.
+/// A laid-out sheet, in pixels.
 struct Layout {
     size: (u32, u32),
     pictures: Vec<(Shown, (u32, u32))>,

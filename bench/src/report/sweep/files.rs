@@ -58,7 +58,8 @@ pub fn write(
     Ok(SweepFiles { written, removed })
 }
 
-/// Files of an earlier sweep other than its tables, with their marks: plots of the metrics in its table, and crossings.
+/// Files that an earlier sweep may have left besides its main table: the crossings, and a plot of each metric in that table.
+/// Each has the text by which [`remove_own`] recognises it.
 fn earlier(out: &Path, stem: &str) -> BTreeMap<PathBuf, &'static str> {
     let named = |end: &str| out.join(format!("{stem}{end}"));
     let table = sharp::files::read(&named(".csv")).unwrap_or_default();

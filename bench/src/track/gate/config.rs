@@ -166,7 +166,7 @@ pub enum Limit {
         either_way: bool,
         scope: Scope,
     },
-    /// Largest increase from A to B, percent.
+    /// Largest increase from A to B, in percent.
     Cost { cost: Resource, percent: f64 },
 }
 
