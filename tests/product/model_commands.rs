@@ -136,7 +136,7 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
     std::fs::write(dir.path().join("untagged.ply"), &untagged).unwrap();
 
     let info = run(dir.path(), &["gaussians", "info", "untagged.ply"]).ends_with(0);
-    assert!(info.out.contains("the file does not say"), "{}", info.out);
+    assert!(info.out.contains("not stated in the file"), "{}", info.out);
     assert!(info.out.contains("plausible as the camera's space"));
     // With OpenGL axes, and in millimetres.
     for (scale, words) in [

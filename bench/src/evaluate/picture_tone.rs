@@ -566,7 +566,7 @@ mod tests {
             };
             masked_pictures(shares.map(of).iter(), &BTreeSet::new())
         };
-        assert!(told([30, 40, 35, 25, 20])[0].contains("30 % of them"));
+        assert!(told([30, 40, 35, 25, 20])[0].contains("a median of 30 %"));
         assert!(told([30, 40, 35, 25, 0])[0].contains("4 of the 5"));
         for proper in [[0; 5], [4; 5], [60, 50, 4, 0, 3]] {
             assert_eq!(told(proper), Vec::<String>::new());

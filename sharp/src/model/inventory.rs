@@ -294,7 +294,7 @@ mod tests {
         let error = official_tiny().check(&config, &[]).unwrap_err();
         assert!(matches!(error, ModelError::Config(_)), "{error:?}");
         let text = error.to_string();
-        for part in ["receives 2 depth layers", "but 1 with", "tiny_model.pt"] {
+        for part in ["receives 2 depth layers", "tiny_model.pt expect 1"] {
             assert!(text.contains(part), "{text}");
         }
     }

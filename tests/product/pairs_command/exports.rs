@@ -173,7 +173,7 @@ fn depth_is_exported_where_there_is_some() {
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::copy(stale, folder.join("target_depth.npy")).unwrap();
     let said = export();
-    assert!(said.err.contains("1 view without depth"), "{}", said.err);
+    assert!(said.err.contains("no depth for 1 view"), "{}", said.err);
     let json = said.json();
     assert_eq!(
         (&json["written"], &json["without_depth"]),
