@@ -97,7 +97,7 @@ fn the_table_has_medians_and_says_why_a_cell_is_empty() {
     assert_eq!(why(2, 0), "Not measured: D_1/s/a__b: no depth.");
     assert!(why(3, 0).contains("truth"));
     assert!(table.remarks[2].contains("3 rounds of each pair, after a warm-up of 1 round"));
-    assert!(table.remarks[2].contains("A processor, 2 threads (networks: =splat on cpu)"));
+    assert!(table.remarks[2].contains("A processor, 2 threads (networks: =splat on cpu"));
     assert!(table.remarks[3].starts_with("1 prediction"));
     let details = tables::details(&measured);
     let row: Vec<&str> = details.rows[0]
