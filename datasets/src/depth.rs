@@ -246,7 +246,7 @@ pub(crate) enum DepthEncoding {
     /// A self-describing file. A stored unit is this many metres or, for reciprocals, this many 1/m. In integer maps,
     /// 65535 means no depth, as 0 does. Dense: each pixel looks up the nearest stored one.
     Units(f64, DepthKind),
-    /// Headerless f32 values, metres. The map is sparse, so each sample is projected to its position in the pinhole
+    /// Headerless f32 values, in metres. The map is sparse, so each sample is projected to its position in the pinhole
     /// view.
     RawFloats,
 }

@@ -15,7 +15,7 @@ pub enum Anchor {
 /// Style of text.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lettering {
-    /// Font size, units.
+    /// Font size, in units.
     pub size: f64,
     pub weight: Weight,
     pub ink: Ink,
@@ -26,7 +26,7 @@ pub struct Lettering {
 }
 
 impl Lettering {
-    /// Offset of a text's start from its anchor, units.
+    /// Offset of a text's start from its anchor, in units.
     pub(super) fn shift(&self, text: &str) -> f64 {
         let width = || text::width(text, self.size, self.weight);
         match self.anchor {

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::output::span;
 use super::{Outcome, output};
 use crate::evaluate::{RunProgress, status::unfinished_shards};
+use crate::io::counts::counted;
 
 /// Show the progress of a run
 ///
@@ -53,11 +54,8 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
     output::print(&shown, args.json)?;
     if progress.damaged > 0 {
         output::remark(format!(
-            "warning: {} damaged; units of damaged files count as missing, and the next run computes them again",
-            match progress.damaged {
-                1 => "1 unit file is".to_owned(),
-                n => format!("{n} unit files are"),
-            }
+            "warning: {}; such units count as missing, and the next run computes them again",
+            counted(progress.damaged, "damaged unit file")
         ));
     }
     Ok(match (progress.open(), progress.all.failed) {

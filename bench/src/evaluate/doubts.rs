@@ -23,7 +23,7 @@ const MIN_GAP: f64 = 6.0;
 /// The gap must be at least this multiple of the distance between the worst and the median of the other sources. A
 /// larger ratio is rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
-/// Across scenes, only sources below this PSNR count as outliers, dB. It is the PSNR of a uniform picture in the mean
+/// Across scenes, only sources below this PSNR count as outliers, in dB. It is the PSNR of a uniform picture in the mean
 /// colour, for a photograph with a contrast of 45 levels.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
 /// Maximum number of sources that a sentence names; it counts the rest.

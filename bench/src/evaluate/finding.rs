@@ -337,7 +337,7 @@ impl ShownCamera {
     }
 }
 
-/// Multiples of the motion may share a cause if they differ by at most this, percentage points.
+/// Multiples of the motion may share a cause if they differ by at most this, in percentage points.
 const MAX_UNEVEN: f64 = 8.0;
 /// [`MAX_UNEVEN`] as a share of the multiple; the larger of the two counts.
 const MAX_UNEVEN_SHARE: f64 = 0.12;
@@ -347,14 +347,14 @@ const MAX_UNEVEN_SHARE: f64 = 0.12;
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
 )]
 pub struct Framing {
-    /// Scale of the shown content about the principal point, thousandths.
+    /// Scale of the shown content about the principal point, in thousandths.
     pub zoom: i16,
     /// Clockwise rotation, thousandths of a degree.
     pub roll: i16,
     /// Shift to the right and down, thousandths of the width. If the epipolar lines are parallel, the component along
     /// them is left out.
     pub shift: [i16; 2],
-    /// OpenCV's coefficient k1 of radial distortion, thousandths.
+    /// OpenCV's coefficient k1 of radial distortion, in thousandths.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub lens: i16,
 }

@@ -45,7 +45,7 @@ pub struct RunOptions {
     pub stages: Stages,
     pub keep: Keep,
     pub keep_gaussians: bool,
-    /// Memory limit, bytes. Gaussians beyond their share of the limit are stored on disk, and a pair's predictions are
+    /// Memory limit, in bytes. Gaussians beyond their share of the limit are stored on disk, and a pair's predictions are
     /// made and scored in parts of at least one picture. The memory of the networks is not included.
     pub memory_limit_bytes: u64,
 }

@@ -13,9 +13,9 @@ use super::record::{PairFiles, Record, Status};
 const MIN_CHANGED: usize = 3;
 /// A change of a dataset's pictures is reported only if at least this share of them have it.
 const MIN_SHARE: f64 = 0.8;
-/// [`MIN_SHARE`] for the limited range of video, crops and padding: few other pictures look like that.
+/// [`MIN_SHARE`] for crops, padding and the limited range of video, which other pictures rarely resemble.
 const MIN_SHARE_DISTINCTIVE: f64 = 0.5;
-/// [`MIN_SHARE`] for stretched levels: photographs with black and white hardly change.
+/// [`MIN_SHARE`] for stretched levels. Stretching hardly changes pictures whose photograph has black and white.
 const MIN_SHARE_STRETCHED: f64 = 0.25;
 /// [`MIN_SHARE`] for visible changes.
 const MIN_SHARE_VISIBLE: f64 = 0.1;
@@ -29,7 +29,7 @@ const MIN_REPEATED: usize = 3;
 const MAX_UNEVEN: f64 = 8.0;
 /// [`MAX_UNEVEN`] as a share of the thickness; the larger of the two counts.
 const MAX_UNEVEN_SHARE: f64 = 0.1;
-/// Levels were stretched one by one only if their gains differ by at least this, percent. Equal gains are an exposure.
+/// Levels were stretched one by one only if their gains differ by at least this, in percent. Equal gains are an exposure.
 const MIN_SPREAD: i16 = 5;
 
 /// Sentences for each dataset: see [`agreed_changes`]. In `reframed` datasets, crops are explained by the camera.
@@ -49,9 +49,9 @@ pub(super) fn changed_pictures<'a>(
         .collect()
 }
 
-/// A sentence on each change that enough of the named `pictures` share: nearly all for most changes, fewer for visible
-/// ones, a few for clear ones. `photographs` completes "the photographs" and says which they were compared
-/// with.
+/// A sentence on each change that enough of the named `pictures` share; clear and visible changes need a smaller share.
+/// `photographs` follows "the photographs" in the sentence and names those that the pictures were compared with, as in "of
+/// DATASET".
 pub(crate) fn agreed_changes(
     pictures: &[(&str, Option<PictureChange>)],
     photographs: &str,

@@ -5,7 +5,7 @@ use image::imageops::thumbnail;
 use image::{Rgb, RgbImage};
 use sharp::color::{Quantization, quantize, srgb_from_linear};
 
-/// Ends of the limited range of video, each with how far the measured end may be off, levels.
+/// Ends of the limited range of video, each with how far the measured end may be off, in levels.
 const LIMITED: [(f64, f64); 2] = [(16.0, 2.5), (235.0, 3.0)];
 /// Widths at which the ends are measured, pixels: blur lowers the contrast at the larger one more.
 const WIDTHS: [u32; 2] = [32, 80];
@@ -21,9 +21,9 @@ const SAMPLES: u32 = 32_768;
 const MAX_SHARE_AT_ENDS: f64 = 2e-4;
 /// A picture was stretched only if its contrast grew by at least this factor.
 const MIN_STRETCH: f64 = 1.04;
-/// The photograph's range, stretched as the picture was, may differ from 0..255 by at most this at either end, levels.
+/// The photograph's range, stretched as the picture was, may differ from 0..255 by at most this at either end, in levels.
 const MAX_OFF_ENDS: f64 = 30.0;
-/// A photograph is coloured if the mean difference of its channels is at least this, levels.
+/// A photograph is coloured if the mean difference of its channels is at least this, in levels.
 const MIN_COLOUR: usize = 8;
 /// The correlation of neighbouring pixels is below the first in noise, and above the second in photographs.
 const NOISE: [f64; 2] = [0.1, 0.5];
@@ -34,9 +34,9 @@ const CLIP: [(f64, f64); 3] = [(0.4815, 0.2686), (0.4578, 0.2613), (0.4082, 0.27
 /// Levels of the photograph at which the channels' lines (level of the picture by level of the photograph) are
 /// compared.
 const COMPARED: [f64; 2] = [60.0, 190.0];
-/// Channels have the lines of a normalisation if their root mean square difference from these is at most this, levels.
+/// Channels have the lines of a normalisation if their root mean square difference from these is at most this, in levels.
 const MAX_OFF_LINES: f64 = 3.0;
-/// Channels have different lines if their root mean square difference from equal lines is at least this, levels.
+/// Channels have different lines if their root mean square difference from equal lines is at least this, in levels.
 const MIN_OFF_EQUAL_LINES: f64 = 5.0;
 /// A line describes a channel only if its correlation with the photograph's channel is at least this.
 const MIN_CORRELATION: f64 = 0.8;

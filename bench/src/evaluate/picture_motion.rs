@@ -18,7 +18,7 @@ pub(super) const HALF: i64 = 5;
 pub(super) const AREA: usize = (2 * HALF as usize + 1).pow(2);
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [14, 10];
-/// Blocks are compared only if their standard deviation is at least this, levels.
+/// Blocks are compared only if their standard deviation is at least this, in levels.
 pub(super) const MIN_CONTRAST: f64 = 6.0;
 /// Share of the width to which the search extends along an epipolar line.
 const REACH: f64 = 0.4;

@@ -10,9 +10,9 @@ use crate::pairs::valid_depth::median_of;
 
 /// Number of cells across and down.
 const GRID: [u32; 2] = [40, 30];
-/// A cell may have foreign content if picture and target differ there by at least this, levels.
+/// A cell may have foreign content if picture and target differ there by at least this, in levels.
 const MIN_FOREIGN_DIFFERENCE: u8 = 12;
-/// Content counts as equal if it differs from its median by at most this, levels.
+/// Content counts as equal if it differs from its median by at most this, in levels.
 const MAX_EQUAL_DIFFERENCE: u8 = 3;
 /// Pictures are compared only if they have at least this many targets.
 const MIN_TARGETS: usize = 4;

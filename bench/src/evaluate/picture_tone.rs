@@ -52,7 +52,7 @@ const MIN_BETWEEN: f64 = 0.15;
 /// The places between middle and corners are darkened by at most this share of the corners' darkening.
 const MAX_BETWEEN: f64 = 0.85;
 
-/// A picture counts as masked if at least this share of the content is black or white, percent. Holes of predictions
+/// A picture counts as masked if at least this share of the content is black or white, in percent. Holes of predictions
 /// are where the source shows nothing.
 const MIN_MASKED_PERCENT: u8 = 5;
 /// Masks are reported only if at least this share of the pictures are masked.
@@ -65,7 +65,7 @@ pub struct Tone {
     target: [[u8; 5]; 3],
     source: [[u8; 5]; 3],
     /// Logarithm of the picture's brightness relative to the target's in the corners and between, minus that in the
-    /// middle, thousandths.
+    /// middle, in thousandths.
     corners: Option<[i16; 2]>,
 }
 

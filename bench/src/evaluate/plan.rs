@@ -92,13 +92,13 @@ pub struct Estimate {
 /// Estimated cost of a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct StageCost {
-    /// Time summed over all cores, seconds.
+    /// Time summed over all cores, in seconds.
     pub cpu_secs: f64,
-    /// Wall time on this machine, seconds.
+    /// Wall time on this machine, in seconds.
     pub wall_secs: f64,
     /// Peak memory, bytes; `None` if the system does not report it.
     pub peak_bytes: Option<u64>,
-    /// Size of the written files, bytes.
+    /// Size of the written files, in bytes.
     pub disk_bytes: u64,
 }
 

@@ -73,7 +73,7 @@ pub struct Record {
     pub baseline_m: f64,
     /// Angle between the two cameras, in degrees.
     pub rotation_deg: f64,
-    /// Median ground-truth depth of the target view, metres. If the target of a stereo pair has no depth, the median of
+    /// Median ground-truth depth of the target view, in metres. If the target of a stereo pair has no depth, the median of
     /// the source's depth.
     pub median_depth_m: Option<f64>,
     /// Share of the target's valid-depth pixels visible in the source, 0..1.

@@ -115,7 +115,7 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
-/// Shares of the memory limit for different purposes, bytes. The rest is for the metrics' networks, the target, and the
+/// Shares of the memory limit for different purposes, in bytes. The rest is for the metrics' networks, the target, and the
 /// picture being rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryShares {

@@ -110,7 +110,7 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// Time from the source's photograph in memory to the picture, seconds.
+    /// Time from the source's photograph in memory to the picture, in seconds.
     pub fn synthesis_secs(&self) -> f64 {
         self.predict_secs + self.render_secs
     }

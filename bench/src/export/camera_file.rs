@@ -13,7 +13,7 @@ use crate::io::atomic_files::{FileError, write_atomic};
 pub struct CameraFile {
     pub width: u32,
     pub height: u32,
-    /// 3×3 intrinsics, row by row, pixels. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
+    /// 3×3 intrinsics, row by row, in pixels. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
     #[serde(rename = "K")]
     pub k: [f64; 9],
     pub camera_from_world: [f64; 16],

@@ -165,7 +165,7 @@ impl GaussianFiles {
     }
 }
 
-/// Size of a file, or total size of a folder's files, bytes.
+/// Size of a file, or total size of a folder's files, in bytes.
 fn size(path: &Path) -> u64 {
     let of_file = |path: &Path| std::fs::metadata(path).map_or(0, |about| about.len());
     let inside = std::fs::read_dir(path).map(|entries| {

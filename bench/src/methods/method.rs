@@ -185,7 +185,7 @@ pub struct GaussianPrediction {
     /// Rendering rule; `None` for SHARP's under the run's settings.
     pub rule: Option<Rule>,
     pub space: GaussianSpace,
-    /// The network's first depth layer, metres. If the method has the [`Privilege`], it is aligned
+    /// The network's first depth layer, in metres. If the method has the [`Privilege`], it is aligned
     /// to the true depth.
     pub first_layer: Option<DepthMap>,
     /// Extra values that the method reports; each becomes a column.

@@ -69,7 +69,7 @@ pub fn source_of(pair_id: &str) -> &str {
     pair_id.split("__").next().unwrap_or(pair_id)
 }
 
-/// Maximum length of a file or folder name made from an id, bytes. File systems allow 255, but names of partial files
+/// Maximum length of a file or folder name made from an id, in bytes. File systems allow 255, but names of partial files
 /// have additional affixes and extensions.
 const LONGEST: usize = 180;
 

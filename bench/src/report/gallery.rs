@@ -23,10 +23,10 @@ pub(super) const PAIRS_IN_FILE: usize = 24;
 pub(super) const ERROR_MAX: f32 = 0.5;
 /// Change of the absolute error at both ends of its colour scale.
 pub(super) const CHANGE_MAX: f32 = 0.2;
-/// Minimum side of pictures in a single-file page, pixels. To save space, the page shows fewer
+/// Minimum side of pictures in a single-file page, in pixels. To save space, the page shows fewer
 /// pairs rather than smaller pictures.
 const MIN_SIDE: u32 = 240;
-/// Minimum side of pictures in a folder, pixels. A folder shows all pairs.
+/// Minimum side of pictures in a folder, in pixels. A folder shows all pairs.
 const MIN_SIDE_IN_FOLDER: u32 = 96;
 /// Number of pairs per dataset that are encoded to estimate the size of all pictures.
 const PROBES: usize = 5;

@@ -41,7 +41,7 @@ pub struct ReportPictures<'a> {
     photographs: Mutex<BTreeMap<usize, RgbImage>>,
 }
 
-/// Maximum memory for photographs, bytes.
+/// Maximum memory for photographs, in bytes.
 const PHOTOGRAPHS: usize = 128 << 20;
 
 impl<'a> ReportPictures<'a> {

@@ -37,7 +37,7 @@ struct TrainPage {
     /// Tiles with a label and a number.
     tiles: Vec<(&'static str, String)>,
     figures: Vec<Figure>,
-    /// For each stage: its number, steps, median seconds per step, hours.
+    /// For each stage: its number, its steps, median seconds per step, and hours.
     stages: Vec<[String; 4]>,
     samples: Vec<Sample>,
     perceptual_network: Option<&'static str>,
@@ -230,7 +230,7 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
     Ok(Some(figure.map_err(ReportError::from)?))
 }
 
-/// One row per stage with at least one step: its number, steps, median seconds per step, hours.
+/// One row per stage with at least one step: its number, its steps, median seconds per step, and hours.
 fn stages(log: &Log) -> Result<Vec<[String; 4]>, TrainError> {
     let mut seconds: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
     for ((stage, _), taken) in log.places()?.into_iter().zip(log.values(2)?) {

@@ -43,8 +43,9 @@ const MAX_LEFT_BY_LARGE_FACTOR: f64 = 0.6;
 
 /// Samples per view in the coarse part of a search for a factor.
 const COARSE_SAMPLES: usize = 600;
-/// Samples per view in the fine part, of a quick and of a thorough check.
-const FINE_SAMPLES: [usize; 2] = [800, 3000];
+/// Samples per view in the fine part of a quick check, and of a thorough one, whose factors are more exact.
+const FINE_SAMPLES: usize = 800;
+const THOROUGH_SAMPLES: usize = 3000;
 
 impl Neighbours<'_> {
     /// The interpretation that explains the views best; `None` unless it is significantly better than the dataset
@@ -320,7 +321,10 @@ impl Neighbours<'_> {
     /// The factor whose reading, `with(factor)`, has the least loss; tries factors as [`least`] does.
     pub(super) fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
         let coarse = self.stride_of(COARSE_SAMPLES).max(4 * self.stride);
-        let fine = self.stride_of(FINE_SAMPLES[usize::from(self.thorough)]);
+        let fine = self.stride_of(match self.thorough {
+            true => THOROUGH_SAMPLES,
+            false => FINE_SAMPLES,
+        });
         let as_read = landed(&self.explained(&Reading::AS_READ, coarse));
         least(n, step, &|factor, is_coarse| {
             let stride = if is_coarse { coarse } else { fine };

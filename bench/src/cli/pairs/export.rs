@@ -93,11 +93,8 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let found = list.verify(&scenes);
     if let Some(first) = found.different.first() {
         output::remark(format!(
-            "warning: {} not the ones that the list was made from, such as {}/{}/{}",
-            match found.different.len() {
-                1 => "1 photograph is".to_owned(),
-                n => format!("{n} photographs are"),
-            },
+            "warning: {} changed since the list was made, such as {}/{}/{}",
+            counted(found.different.len(), "photograph"),
             first.dataset,
             first.scene,
             first.view

@@ -24,7 +24,7 @@ pub(in crate::evaluate) struct GaussianStore {
     source: String,
 }
 
-/// A prediction and its wall time, seconds.
+/// A prediction and its wall time, in seconds.
 pub(in crate::evaluate) type Timed = (Arc<GaussianPrediction>, f64);
 
 #[derive(Debug)]

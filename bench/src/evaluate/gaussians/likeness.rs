@@ -12,7 +12,7 @@ const COARSE: (u32, u32) = (16, 12);
 const MIN_BLUR: f64 = 0.4;
 /// Maximum width and height compared, in pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// Another reading is better only if its gain is at least this, dB. If a file was read correctly, other readings change
+/// Another reading is better only if its gain is at least this, in dB. If a file was read correctly, other readings change
 /// the error by only some hundredths of a dB.
 const MARGIN: f64 = 0.5;
 /// Number of standard errors that the gain must exceed.
@@ -211,7 +211,7 @@ impl Likeness {
         Errors::of(self.total).error
     }
 
-    /// Mean colour of the photograph's part, levels.
+    /// Mean colour of the photograph's part, in levels.
     pub(in crate::evaluate) fn mean_color(&self) -> [f64; 3] {
         self.total.map(|sums| sums.p / sums.n)
     }

@@ -11,10 +11,10 @@ use crate::pairs::PosedCamera;
 
 /// Factors of standard deviations to try.
 const WIDTHS: [f64; 8] = [1.0 / 3.0, 0.1, 0.01, 0.001, 3.0, 10.0, 100.0, 1000.0];
-/// Narrower standard deviations are reported only if they gain at least this, dB. Crude but correct Gaussians gain
+/// Narrower standard deviations are reported only if they gain at least this, in dB. Crude but correct Gaussians gain
 /// less.
 const MIN_NARROWER_GAIN_DB: f64 = 4.0;
-/// Wider standard deviations are reported only if they gain at least this, dB. Correct Gaussians with holes gain less.
+/// Wider standard deviations are reported only if they gain at least this, in dB. Correct Gaussians with holes gain less.
 const MIN_WIDER_GAIN_DB: f64 = 6.0;
 /// A factor that the depth suggests is reported only if it gains at least this, in dB.
 const MIN_WIDTHS_GAIN_DB: f64 = 1.0;

@@ -4,7 +4,7 @@
 use image::RgbImage;
 use image::imageops::thumbnail;
 
-/// Maximum shift per search step, pixels. From a shift at the end of this range, the search continues, for at most
+/// Maximum shift per search step, in pixels. From a shift at the end of this range, the search continues, for at most
 /// `SEARCHES` steps.
 const REACH: i32 = 3;
 const SEARCHES: usize = 8;

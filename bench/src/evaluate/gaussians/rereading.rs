@@ -36,7 +36,7 @@ const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
 /// A shift with this gain in the source needs no confirmation, dB: in other views, poor Gaussians hardly change with a
 /// shift of half a pixel.
 const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 2.0;
-/// From this gain on, another form of colours is better, dB. Forms of colours may differ only in brightness and
+/// From this gain on, another form of colours is better, in dB. Forms of colours may differ only in brightness and
 /// contrast.
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
 /// [`MIN_RECOLORED_GAIN_DB`] for a form whose brightness and contrast are already the best fit.

@@ -49,7 +49,7 @@ pub struct Release {
     pub network: ReleasedNetwork,
     /// Name of the licence, and the address of its text.
     pub licence: (&'static str, &'static str),
-    /// Plausible file sizes, bytes.
+    /// Plausible file sizes, in bytes.
     pub sizes: RangeInclusive<u64>,
 }
 
@@ -68,10 +68,10 @@ const PARAMETERS: u64 = 702_305_169;
 const RESNET_PARAMETERS: u64 = 23_631_808;
 
 /// Upper bound on the size of the names, shapes and alignment of a thousand tensors, and of the statistics of a
-/// normalisation, bytes.
+/// normalisation, in bytes.
 const OVERHEAD: u64 = 16 << 20;
 
-/// Plausible sizes of a file with `parameters` f32 parameters, bytes.
+/// Plausible sizes of a file with `parameters` f32 parameters, in bytes.
 fn sizes(parameters: u64) -> RangeInclusive<u64> {
     4 * parameters..=4 * parameters + OVERHEAD
 }

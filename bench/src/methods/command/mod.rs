@@ -80,7 +80,7 @@ struct State {
 const STARTS: usize = 3;
 
 impl Command {
-    /// Default of `timeout=`, seconds. Includes the program's start.
+    /// Default of `timeout=`, in seconds. Includes the program's start.
     const TIMEOUT_SECS: u64 = 600;
 
     /// Parses the options; the program is started at the first prediction.

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use super::log::ProgramLog;
 use super::protocol::{VERSION, excerpt, no_answer};
 
-/// Maximum length of an answer line, bytes.
+/// Maximum length of an answer line, in bytes.
 const LONGEST_LINE: u64 = 1 << 20;
 
 /// Number of unread answer lines that are buffered. A program that writes more is blocked until they are read.

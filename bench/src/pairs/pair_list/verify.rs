@@ -13,7 +13,7 @@ use crate::pairs::Pair;
 /// Baselines count as equal up to this difference, metres: far below any calibration error, far above rounding.
 const SAME_BASELINE_M: f64 = 1e-9;
 
-/// Rotations count as equal up to this difference, degrees. The angle is an arc cosine or sine of rounded numbers.
+/// Rotations count as equal up to this difference, in degrees. The angle is an arc cosine or sine of rounded numbers.
 const SAME_ROTATION_DEG: f64 = 1e-6;
 
 /// Result of comparing a list's photographs and cameras with local files.
