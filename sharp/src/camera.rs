@@ -108,6 +108,7 @@ impl Intrinsics {
     }
 
     /// Projects a camera-space point (metres) to pixels; `None` if it is not in front of the camera (z > 0).
+    #[inline]
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         (point.z > 0.0).then(|| {
             DVec2::new(
@@ -127,6 +128,7 @@ impl Intrinsics {
     }
 
     /// True if continuous pixel coordinates lie inside the image, `[0, width) × [0, height)`.
+    #[inline]
     pub fn contains(&self, pixel: DVec2) -> bool {
         pixel.x >= 0.0
             && pixel.y >= 0.0
@@ -214,6 +216,7 @@ impl RigidTransform {
         Self::new(affine.matrix3, affine.translation)
     }
 
+    #[inline]
     pub fn apply(&self, point: DVec3) -> DVec3 {
         self.rotation * point + self.translation
     }

@@ -34,12 +34,12 @@ impl DepthIs {
         }
     }
 
-    /// Ratio of two overlapping depths, without a positive offset of [`Self::Short`], which would make any two depths
-    /// similar.
-    fn ratio(self, one: f64, other: f64) -> f64 {
+    /// Two overlapping depths, to be compared by their ratio: without a positive offset of [`Self::Short`], which would
+    /// make any two depths similar.
+    fn compared(self, one: f64, other: f64) -> (f64, f64) {
         match self {
-            Self::Short(by) if by > 0.0 => (one - by) / (other - by).max(0.01 * one),
-            _ => one / other,
+            Self::Short(by) if by > 0.0 => (one - by, (other - by).max(0.01 * one)),
+            _ => (one, other),
         }
     }
 }
@@ -151,6 +151,22 @@ const MIN_COMPARED: usize = 200;
 /// Depths agree if their relative difference is at most this.
 pub(super) const TOLERANCE: f64 = 0.05;
 
+/// Samples are projected in chunks of this many, one step for all of them before the next, so that a branch that was
+/// mispredicted does not wait for all steps before it.
+const CHUNK: usize = 64;
+
+/// A sample that lands inside the other view.
+#[derive(Debug, Clone, Copy, Default)]
+struct Landing {
+    place: DVec2,
+    /// Its z in the other view.
+    z: f64,
+    tile: usize,
+    colour: [f32; 3],
+    /// Loss of its depth, if the other view has depth there.
+    by_depth: Option<f64>,
+}
+
 /// Statistics of one view's samples in another view.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Explained {
@@ -209,58 +225,102 @@ impl Explained {
         ];
         let mut b_from_a = pose_b.after(&pose_a.inverse());
         b_from_a.translation *= reading.scale;
+        let from_a = |place: DVec2| reading.straight(ray(&camera_a, place));
         let mut explained = Self::default();
-        for sample in samples.iter().step_by(stride) {
-            explained.samples += 1;
-            let depth = match reading.depth_at {
-                Registration::SAME => sample.depth,
-                at => at
-                    .depth_at(a, sample.middle())
-                    .map_or(sample.depth, |found| found.0),
-            };
-            let from = reading.straight(ray(&camera_a, sample.middle()));
-            let point = b_from_a.apply(from * reading.depth.z(times_a * depth, from));
-            let Some(place) = camera_b
-                .project(reading.bent(point))
-                .filter(|place| camera_b.contains(*place))
-            else {
-                continue;
-            };
-            let right = usize::from(2 * sample.x >= camera_a.width);
-            let below = usize::from(2 * sample.y >= camera_a.height);
-            let tile = &mut explained.tiles[right + 2 * below];
-            tile.0 += 1;
-            let mut by_depth = None;
-            if let Some((read, middle)) = reading.depth_at.depth_at(b, place) {
-                let there = reading
-                    .depth
-                    .z(times_b * read, reading.straight(ray(&camera_b, middle)));
-                let ratio = reading.depth.ratio(there, point.z);
-                explained.met += 1;
-                explained.agreeing += usize::from((ratio - 1.0).abs() <= TOLERANCE);
-                // Approximates the logarithm, to 1e-4 up to where the loss saturates.
-                let loss = 2.0 * ((ratio - 1.0) / (ratio + 1.0)).abs() / DEPTH_SCALE;
-                by_depth = Some(loss);
-                if loss >= 1.0 {
-                    tile.1 += 1.0;
-                    continue;
-                }
+        let mut landings = [Landing::default(); CHUNK];
+        for start in (0..samples.len()).step_by(CHUNK * stride) {
+            let chunk = samples[start..].iter().step_by(stride).take(CHUNK);
+            explained.samples += chunk.len();
+            let mut n = 0;
+            for sample in chunk {
+                let depth = match reading.depth_at {
+                    Registration::SAME => sample.depth,
+                    at => at
+                        .depth_at(a, sample.middle())
+                        .map_or(sample.depth, |found| found.0),
+                };
+                let from = from_a(sample.middle());
+                let point = b_from_a.apply(from * reading.depth.z(times_a * depth, from));
+                let seen = reading.bent(point);
+                let place = DVec2::new(
+                    camera_b.fx * seen.x / seen.z + camera_b.cx,
+                    camera_b.fy * seen.y / seen.z + camera_b.cy,
+                );
+                let right = usize::from(2 * sample.x >= camera_a.width);
+                let below = usize::from(2 * sample.y >= camera_a.height);
+                landings[n] = Landing {
+                    place,
+                    z: point.z,
+                    tile: right + 2 * below,
+                    colour: sample.colour,
+                    by_depth: None,
+                };
+                n += usize::from((seen.z > 0.0) & camera_b.contains(place));
             }
-            let Some(colour) = b.colour_at(place) else {
-                tile.1 += by_depth.unwrap_or(0.5);
-                continue;
-            };
-            let squares = sample.colour.iter().zip(colour);
-            let squares: f64 = squares.map(|(a, b)| f64::from(a - b).powi(2)).sum();
-            explained.compared += 1;
-            explained.squares += squares;
-            for (sum, colour) in explained.levels.iter_mut().zip([sample.colour, colour]) {
-                *sum += colour.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>();
-            }
-            let by_colour = ((squares / 3.0).sqrt() / COLOUR_SCALE).min(1.0);
-            tile.1 += by_depth.map_or(by_colour, |by_depth| (by_depth + by_colour) / 2.0);
+            let n = explained.compare_depths(
+                &mut landings[..n],
+                b,
+                |read, middle| {
+                    let ray = reading.straight(ray(&camera_b, middle));
+                    reading.depth.z(times_b * read, ray)
+                },
+                reading,
+            );
+            explained.compare_colours(&landings[..n], b);
         }
         explained
+    }
+
+    /// Compares the depths of places in `b`, moves those whose loss is not yet the greatest to the front, and returns
+    /// their number.
+    fn compare_depths(
+        &mut self,
+        landings: &mut [Landing],
+        b: &SmallView,
+        z: impl Fn(f64, DVec2) -> f64,
+        reading: &Reading,
+    ) -> usize {
+        let mut left = 0;
+        for i in 0..landings.len() {
+            let mut landing = landings[i];
+            let found = reading.depth_at.depth_at(b, landing.place);
+            let (read, middle) = found.unwrap_or((1.0, landing.place));
+            let (one, other) = reading.depth.compared(z(read, middle), landing.z);
+            let met = found.is_some();
+            self.met += usize::from(met);
+            self.agreeing += usize::from(met & ((one - other).abs() <= TOLERANCE * other));
+            // Approximates the logarithm of the ratio, to 1e-4 up to where the loss saturates.
+            let loss = 2.0 / DEPTH_SCALE * ((one - other) / (one + other)).abs();
+            let saturated = met & (loss >= 1.0);
+            let tile = &mut self.tiles[landing.tile];
+            tile.0 += 1;
+            tile.1 += f64::from(u8::from(saturated));
+            landing.by_depth = met.then_some(loss);
+            landings[left] = landing;
+            left += usize::from(!saturated);
+        }
+        left
+    }
+
+    fn compare_colours(&mut self, landings: &[Landing], b: &SmallView) {
+        for landing in landings {
+            let tile = &mut self.tiles[landing.tile];
+            let Some(colour) = b.colour_at(landing.place) else {
+                tile.1 += landing.by_depth.unwrap_or(0.5);
+                continue;
+            };
+            let sum_of_squares = |colour: [f32; 3]| colour.iter().map(|v| v * v).sum::<f32>();
+            let squares = sum_of_squares(std::array::from_fn(|i| landing.colour[i] - colour[i]));
+            self.compared += 1;
+            self.squares += f64::from(squares);
+            for (sum, colour) in self.levels.iter_mut().zip([landing.colour, colour]) {
+                *sum += f64::from(sum_of_squares(colour));
+            }
+            let by_colour = (f64::from((squares / 3.0).sqrt()) / COLOUR_SCALE).min(1.0);
+            tile.1 += landing
+                .by_depth
+                .map_or(by_colour, |by_depth| (by_depth + by_colour) / 2.0);
+        }
     }
 
     pub(super) fn landed(&self) -> usize {

@@ -261,6 +261,7 @@ impl SmallView {
     }
 
     /// Colour at a position in the picture, interpolated between pixel centres; the border is repeated.
+    #[inline]
     pub(super) fn colour_at(&self, place: DVec2) -> Option<[f32; 3]> {
         let taps = |at: f64, n: u32| {
             let at = (at - 0.5).clamp(0.0, f64::from(n - 1));

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 use image::{Luma, Rgb, RgbImage};
 use sharp::camera::Intrinsics;
 
-use super::{change, found, views, views_of};
+use super::{all_worlds, change, found, views, views_of, worlds};
 use crate::check::{Effort, QUICK, THOROUGH, check};
 use crate::format::{FloatMap, depth_png};
 use crate::synthetic::SyntheticOptions;
@@ -70,9 +70,12 @@ fn depth_of_another_camera_is_named() {
         (1.2, DVec2::ZERO, "they fit if reduced to 0.8"),
         (0.75, DVec2::ZERO, "they fit if enlarged 1.3"),
     ];
-    let mut named = 0;
-    for right in classic_and_varied() {
-        for (zoom, off, cause) in cases {
+    let (mut tried, mut named) = (0, 0);
+    for (world, right) in classic_and_varied().iter().enumerate() {
+        for (i, (zoom, off, cause)) in cases.into_iter().enumerate() {
+            if i % 2 != world && !all_worlds() {
+                continue;
+            }
             let mut wrong = right.clone();
             of_other_camera(&mut wrong, zoom, off / 640.0);
             is_named("other camera", &wrong, THOROUGH, cause);
@@ -82,16 +85,21 @@ fn depth_of_another_camera_is_named() {
                 quick.iter().all(|said| said.contains("not aligned")),
                 "{quick:?}"
             );
+            tried += 1;
             named += quick.len();
         }
     }
-    assert!(named >= 5, "{named} of 8");
+    assert!(named > tried / 2, "{named} of {tried}");
 }
 
 #[test]
 fn z_buffers_are_named_and_not_called_a_scale() {
-    for right in classic_and_varied() {
-        for (near, far, unit) in [(0.1, 100.0, 1.0), (0.05, 50.0, 10.0), (0.5, 1000.0, 65.535)] {
+    for (world, right) in classic_and_varied().iter().enumerate() {
+        let buffers = [(0.1, 100.0, 1.0), (0.05, 50.0, 10.0), (0.5, 1000.0, 65.535)];
+        for (i, (near, far, unit)) in buffers.into_iter().enumerate() {
+            if i % 2 != world && !all_worlds() {
+                continue;
+            }
             let mut wrong = right.clone();
             change(&mut wrong, |c| {
                 c.each(|z| (unit * far / (far - near) * (1.0 - near / f64::from(z))) as f32);
@@ -238,7 +246,7 @@ fn depth_beyond_16_bits_is_named_with_its_file() {
 /// Fences and trees before a far background, corridors, streets and rooms.
 #[test]
 fn steep_edges_indoors_and_outdoors_are_proper() {
-    for seed in 16..28 {
+    for seed in worlds(16..28, 4) {
         let mut views = varied(seed);
         for effort in [QUICK, THOROUGH] {
             assert_eq!(found(&views, effort), [""; 0], "{seed} {effort:?}");

@@ -5,6 +5,7 @@ mod pairs;
 mod proper;
 mod spoiled;
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -93,6 +94,16 @@ pub(super) fn views(seed: u64, (width, height): (u32, u32)) -> Vec<View> {
         samples: 1,
         ..SyntheticOptions::default()
     })
+}
+
+/// True if tests look at all their worlds, as in `.ci/full`. Otherwise they look at some, because each takes seconds.
+pub(super) fn all_worlds() -> bool {
+    std::env::var_os("SHARP_BENCH_ALL_WORLDS").is_some()
+}
+
+/// Seeds of the worlds at which a test looks: all of them, or the first `few`.
+pub(super) fn worlds(seeds: Range<u64>, few: usize) -> impl Iterator<Item = u64> {
+    seeds.take(if all_worlds() { usize::MAX } else { few })
 }
 
 pub(super) fn views_of(options: SyntheticOptions) -> Vec<View> {

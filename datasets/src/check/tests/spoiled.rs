@@ -7,7 +7,7 @@ use image::RgbImage;
 use image::imageops::{flip_horizontal, flip_vertical, rotate180};
 use sharp::camera::RigidTransform;
 
-use super::{Pixels, change, scene, views, views_of};
+use super::{Pixels, all_worlds, change, scene, views, views_of, worlds};
 use crate::check::advice::Units;
 use crate::check::{QUICK, THOROUGH, check, look, plausible};
 use crate::lens::{Distortion, Lens};
@@ -23,12 +23,15 @@ fn found(views: &[View]) -> Vec<String> {
 type Spoil = fn(&mut [View]);
 
 /// Fails unless the thorough check reports nothing for two valid scenes and only the given text for
-/// each damaged one.
+/// each damaged one. Damages one of the two per case, or both if tests look at [`all_worlds`].
 fn named(cases: &[(Spoil, &str)]) {
     for seed in 0..2 {
         let right = views(seed, SIZE);
         assert_eq!(found(&right), [""; 0], "{seed}");
         for (i, (spoil, cause)) in cases.iter().enumerate() {
+            if i as u64 % 2 != seed && !all_worlds() {
+                continue;
+            }
             let mut wrong = right.clone();
             spoil(&mut wrong);
             let said = found(&wrong);
@@ -262,7 +265,7 @@ fn pictures_of_other_poses_are_named_without_depth() {
 
 #[test]
 fn proper_scenes_of_many_kinds_contradict_nothing() {
-    for seed in 0..12 {
+    for seed in worlds(0..12, 4) {
         let options = SyntheticOptions {
             width: 96,
             height: 96,
@@ -730,7 +733,7 @@ fn points_in_another_unit_are_told_to_be_of_another_model() {
 
 #[test]
 fn two_views_are_enough_for_inverse_depth_and_a_principal_point() {
-    for seed in 0..2 {
+    for seed in worlds(0..2, 1) {
         let right = views(seed, (320, 240))[3..5].to_vec();
         assert_eq!(found(&right), [""; 0], "{seed}");
         let mut inverse = right.clone();
@@ -821,7 +824,7 @@ fn shuffled_pictures_are_named_and_not_called_exchanged() {
         });
     }
     let order = [3_usize, 6, 1, 7, 0, 2, 8, 5, 4];
-    for seed in 0..3 {
+    for seed in worlds(0..3, 1) {
         for is_flat in [false, true] {
             let mut right = views(seed, SIZE);
             if is_flat {
@@ -997,7 +1000,7 @@ fn what_no_change_explains_is_named_as_a_contradiction() {
 /// A third of each picture shows something that moves on its own, and poses are imprecise.
 #[test]
 fn moving_objects_and_imprecise_poses_are_no_contradiction() {
-    for seed in 0..2 {
+    for seed in worlds(0..2, 1) {
         let mut views = views(seed, (256, 192));
         for (i, view) in views.iter_mut().enumerate() {
             let off = RigidTransform {
@@ -1194,7 +1197,7 @@ fn either_of_two_views_may_be_wrong() {
 #[test]
 fn another_exposure_is_a_note() {
     let note = |views: &[View]| look(&scene(views.to_vec()), Units::default(), THOROUGH);
-    for seed in 0..2 {
+    for seed in worlds(0..2, 1) {
         let right = views(seed, SIZE);
         let mut exposed = right.clone();
         for i in [1, 4, 6] {
