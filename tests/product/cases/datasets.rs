@@ -96,8 +96,8 @@ fn a_camera_that_is_not_read_costs_its_pictures() {
     ends(&check, 0, "1 scene, 7 views");
     says(
         &check,
-        "1 frame(s) left out (view_03.png): camera 77 of cameras.txt: camera model 'EQUIRECTANGULAR' is not read (`colmap \
-         image_undistorter` makes pinhole pictures)",
+        "1 frame(s) left out (view_03.png): camera 77 of cameras.txt: camera model 'EQUIRECTANGULAR' is not supported; make \
+         pinhole pictures with `colmap image_undistorter`",
     );
 }
 

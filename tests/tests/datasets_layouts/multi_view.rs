@@ -170,7 +170,7 @@ fn colmap_binary_with_a_camera_of_an_unknown_model() {
     compare(&found.views, &scene.views()[1..], Depth::Absent);
     let picture = format!("left out ({}.png): ", scene.views()[0].id);
     let reason =
-        "camera model '99' is not read (`colmap image_undistorter` makes pinhole pictures)";
+        "camera model '99' is not supported; make pinhole pictures with `colmap image_undistorter`";
     assert!(
         found
             .notes
