@@ -1,6 +1,6 @@
 //! Element-wise loops compiled for several vector widths.
 
-/// Runs a function compiled for the process's instruction set. Only `*`, `+`, `-`, `/` are used,
+/// Calls a function that is compiled for the process's instruction set. It may only use `*`, `+`, `-` and `/`, which are
 /// never fused, so that every version gives the same bits.
 macro_rules! with_widest_vectors {
     ($body:ident($($arg:expr),*) : fn($($name:ident: $type:ty),*)) => {{
