@@ -153,7 +153,7 @@ fn attack(
     }
     let said = evaluate(case, format)?;
     if harmless && said.code == 0 && case.read("r/scores.csv") != unharmed(format)? {
-        return Err("another score, though the file says the same".to_owned());
+        return Err("another score, although the file's meaning is unchanged".to_owned());
     }
     let pairs = match said.code {
         0 | 4 => rows(&case.path("r/pairs.csv"))?,

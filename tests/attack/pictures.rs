@@ -138,7 +138,7 @@ pub(crate) fn metrics(case: &mut Case) -> Result<Verdict, String> {
     let said = case.run(&args)?;
     if said.code != 0 {
         return match harmless {
-            true => Err(format!("refused what is sound: {}", said.err)),
+            true => Err(format!("refused an undamaged picture: {}", said.err)),
             false => Ok(Verdict::Error),
         };
     }

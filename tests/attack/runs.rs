@@ -165,7 +165,9 @@ fn reported(case: &Case, whole: &Case, is_partial: bool) -> Result<Verdict, Stri
             }
             Some(same) if same["mean"].is_empty() || is_partial => {}
             Some(same) if same["n"] != row["n"] && same["n"] == same["total"] => {
-                return Err(format!("fewer pairs without a word: {same:?}"));
+                return Err(format!(
+                    "pairs are missing, but this is not reported: {same:?}"
+                ));
             }
             Some(same) if same["n"] != row["n"] => {}
             Some(same) => return Err(format!("another mean: {same:?} instead of {row:?}")),

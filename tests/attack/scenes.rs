@@ -105,7 +105,7 @@ pub(crate) fn cameras(case: &mut Case) -> Result<Verdict, String> {
     let read: serde_json::Value =
         match serde_json::from_str(case.read("cam.json").trim_start_matches('\u{feff}')) {
             Ok(read) => read,
-            Err(error) => return Err(format!("accepted a camera that is no JSON: {error}")),
+            Err(error) => return Err(format!("accepted a camera file that is not JSON: {error}")),
         };
     let json = said.json()?;
     for side in ["width", "height"] {

@@ -74,7 +74,7 @@ fn adapters() -> Vec<String> {
         .collect()
 }
 
-/// The driver's name for an adapter, without interface and version.
+/// The name that an adapter's driver reports, without interface and version.
 fn short(adapter: &str) -> &str {
     adapter.split(" (").next().unwrap()
 }

@@ -242,7 +242,7 @@ fn what_a_killed_run_left_goes_at_the_next_start() {
         let names = entries.map(|entry| entry.file_name().into_string().unwrap());
         names.filter(|name| name.starts_with(".scratch-")).count()
     };
-    // The next run looks for it there and nowhere else.
+    // The scratch folder of the killed run is in the run's folder, where the next run finds it, and nowhere else.
     assert_eq!(
         (left(), std::fs::read_dir(dir.join("tmp")).unwrap().count()),
         (1, 0)

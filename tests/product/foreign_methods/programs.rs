@@ -2,8 +2,7 @@
 
 use super::*;
 
-/// A shell program that returns the source; the number of pairs requested so far determines its
-/// behaviour.
+/// A shell program that returns the source, or misbehaves, depending on the number of pairs requested so far.
 #[cfg(unix)]
 const PROGRAM: &str = r#"
 echo "hello from $$" >&2
@@ -234,7 +233,7 @@ fn nothing_that_a_program_started_outlives_a_run_that_is_ended() {
                 .status();
             std::thread::sleep(Duration::from_millis(200));
         }
-        wait("something outlived the run", &|| {
+        wait("a process that the run started is still alive", &|| {
             std::fs::read_to_string(&process).map_or(true, |name| name.trim() != "sleep")
         });
     }
