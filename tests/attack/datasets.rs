@@ -147,7 +147,7 @@ fn attack(
     };
     let name = case.random.pick(&names).clone();
     let harmless = spoil::file(case, &name, spoil);
-    // A message may name the dataset, its scene, or a file next to it instead.
+    // Instead of the damaged file, a message may name the dataset, its scene, or another file.
     for word in ["data", "D/", "D:"] {
         case.may_name(word);
     }

@@ -53,8 +53,8 @@ pub(crate) fn same(found: &str, expected: f64) -> bool {
     found == expected || (found - expected).abs() <= TOLERANCE * expected.abs()
 }
 
-/// Judges a run: it must end with a clean error, or each of its rows must have a reason for its failure, or the oracle's
-/// number, if the oracle knows one.
+/// Judges a run: it must end with a clean error, or each of its rows must have a reason for its failure, or the
+/// oracle's number, if the oracle knows one.
 pub(crate) fn judge_run(
     case: &Case,
     said: &Said,

@@ -56,7 +56,7 @@ pub(crate) fn gaussians(case: &mut Case) -> Result<Verdict, String> {
         if said.code != 0 {
             return Ok(Verdict::Error);
         }
-        // The number that the header states, unless the file has bytes for fewer.
+        // The number of Gaussians must be the one that the header states.
         let text = case.read("s.ply");
         let said_count = text
             .lines()

@@ -122,7 +122,7 @@ fn view(adapter: &str) {
         most <= 13 && far <= gpu.as_raw().len() / 100,
         "{most} {far}"
     );
-    // A path: one upload; its first view equals the same view rendered alone.
+    // A path uploads the scene once; its first view equals the same view rendered alone.
     render(
         dir,
         &[

@@ -217,7 +217,7 @@ fn one_scene_that_broke_is_found_where_its_dataset_says_nothing() {
         .collect();
     assert_eq!(moved, ["seed5"]);
 
-    // Missing pictures.
+    // A missing picture is reported even if no score got worse.
     let lost = format!("one/{}.png", worst.as_str().unwrap());
     std::fs::remove_file(dir.join(lost)).unwrap();
     run(

@@ -153,7 +153,7 @@ impl Neighbours<'_> {
         let is_poor = simple.is_some()
             || is_suspicious(&as_read)
             || self.unexplained(&as_read) > MAX_EXPLAINED_COLOURS;
-        // These have more degrees of freedom, so they must also be better than the simpler changes.
+        // The following changes have more degrees of freedom, so they must also be better than the simpler ones.
         let complex = self
             .some_views()
             .into_iter()

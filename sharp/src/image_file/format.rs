@@ -84,7 +84,7 @@ fn least_bytes_per_pixel(start: &[u8], format: ImageFormat) -> f64 {
     /// Maximum expansion factor of Deflate.
     const DEFLATE: f64 = 1032.0;
     match format {
-        // One bit per block of 8×8 pixels.
+        // JPEG needs at least one bit per block of 8×8 pixels.
         ImageFormat::Jpeg => 1.0 / 64.0 / 8.0,
         // A lossless WebP of a single colour has no data.
         ImageFormat::WebP => 0.0,

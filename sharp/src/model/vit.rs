@@ -128,8 +128,8 @@ impl Vit {
         }
     }
 
-    /// Runs the transformer on `images`, `[images, 3, size, size]` in −1..1. Stages are named `name.…`. Each of `taps` is
-    /// the index of a block and the `places` argument of [`gather`].
+    /// Runs the transformer on `images`, `[images, 3, size, size]` in −1..1. Stages are named `name.…`. Each of `taps`
+    /// is the index of a block and the `places` argument of [`gather`].
     pub(super) fn forward(
         &self,
         images: &[f32],

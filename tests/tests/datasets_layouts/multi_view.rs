@@ -438,7 +438,7 @@ fn scannetpp() {
     );
     let found = read("scannetpp,depth=none", folder.path());
     compare(&found.views, scene.views(), Depth::Absent);
-    // Their depth is looked up in the fisheye map.
+    // The depth of the undistorted pictures is looked up in the fisheye map.
     let found = read("scannetpp", folder.path());
     for (a, b) in found.views.iter().zip(scene.views()) {
         let share = agreement(&write::depth_of(a), &write::depth_of(b));

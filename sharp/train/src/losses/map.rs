@@ -30,8 +30,8 @@ impl Grid {
         [(x, 1, self.width), (y, self.width, self.height)]
     }
 
-    /// The difference stencil of the pixel at `at` along a side: distance to the previous neighbour, distance to the next
-    /// one, and the factor of their difference.
+    /// The difference stencil of the pixel at `at` along a side: distance to the previous neighbour, distance to the
+    /// next one, and the factor of their difference.
     fn reach(&self, at: usize, side: usize) -> (usize, usize, f64) {
         let on = usize::from(at + 1 < side);
         match self.difference {
