@@ -49,7 +49,7 @@ impl CameraSizes {
         }
     }
 
-    /// Sets the source file of the cameras, which notes will name.
+    /// Sets the file from which the cameras were read; notes name it.
     pub(crate) fn cameras_from(&mut self, file: Option<&PathBuf>) {
         if let Some(file) = file {
             self.file.clone_from(file);

@@ -298,7 +298,7 @@ const LARGEST_MAP: f64 = 8.0;
 fn check_shape(path: &Path, found: (u32, u32), size: (u32, u32)) -> Result<(), DatasetError> {
     let (w, h) = (f64::from(found.0), f64::from(found.1));
     let width = f64::from(size.0);
-    // Tolerance: rounding may make the other side differ by one pixel from this side's ratio.
+    // Rounding may make the other side differ by one pixel from the exact ratio.
     let other = w * f64::from(size.1) / width;
     let other_size = w * LARGEST_FACTOR < width || w > LARGEST_MAP * width;
     if other_size || (other - h).abs() > 1.0 {

@@ -224,7 +224,8 @@ pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
     fitting.map(|(_, path)| path).collect()
 }
 
-/// A path as spelled on disk; `path` may differ from it below `base` in ways that [`folded`] ignores.
+/// The folder on disk whose path equals `path` once both are [`folded`], or `path` itself if there is none. Only names
+/// below `base` may differ.
 pub(crate) fn spelled(base: &Path, path: &Path) -> PathBuf {
     let Ok(relative) = path.strip_prefix(base) else {
         return path.to_owned();

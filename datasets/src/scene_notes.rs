@@ -208,7 +208,7 @@ fn processing(scene: &Scene) -> Vec<String> {
             String::new()
         };
         notes.push(format!(
-            "pictures: {} of {all} undistorted by us, bilinearly, from {} to {}{camera}",
+            "pictures: {} of {all} undistorted by sharp-bench, bilinearly, from {} to {}{camera}",
             cameras.len(),
             way.model,
             way.camera

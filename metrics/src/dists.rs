@@ -46,8 +46,8 @@ pub(crate) struct Dists {
 const MOMENTS: usize = 5;
 
 impl Dists {
-    /// `network` is VGG16 with L2 pooling; `alpha` and `beta` have one weight for each of the 1475 channels of all
-    /// taps.
+    /// Creates the metric. `network` is VGG16 with L2 pooling; `alpha` and `beta` have one weight for each of the 1475
+    /// channels of all taps.
     pub(crate) fn new(network: Arc<Extractor>, alpha: &[f32], beta: &[f32]) -> Self {
         let all = alpha.iter().chain(beta);
         let sum: f64 = all.map(|&w| f64::from(w)).sum();

@@ -105,7 +105,7 @@ pub(crate) struct Lpips {
 }
 
 impl Lpips {
-    /// `linear` contains the weights of each tap's channels.
+    /// Creates the metric with one network; `linear` has a list of channel weights for each tap.
     pub(crate) fn new(network: Arc<Extractor>, linear: &[Vec<f32>]) -> Self {
         let widen = |weights: &Vec<f32>| weights.iter().map(|&w| f64::from(w)).collect();
         Self {

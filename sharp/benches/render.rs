@@ -65,7 +65,7 @@ fn frames(criterion: &mut Criterion<CpuTime>) {
     group.finish();
 }
 
-/// View-independent colours, and harmonics of degree 3, with a rule that draws both.
+/// Compares view-independent colours with harmonics of degree 3, by a rule that draws both.
 fn harmonics(criterion: &mut Criterion<CpuTime>) {
     let mut group = criterion.benchmark_group("harmonics");
     group.sample_size(10).warm_up_time(Duration::from_secs(1));
@@ -87,7 +87,7 @@ fn harmonics(criterion: &mut Criterion<CpuTime>) {
     group.finish();
 }
 
-/// The forward pass, and the gradient (which includes a forward pass), for the same frames.
+/// Times the forward pass, and the gradient (which includes a forward pass), for the same frames.
 fn gradients(criterion: &mut Criterion<CpuTime>) {
     let mut group = criterion.benchmark_group("gradient");
     group.sample_size(10).warm_up_time(Duration::from_secs(1));
@@ -114,7 +114,7 @@ fn gradients(criterion: &mut Criterion<CpuTime>) {
     group.finish();
 }
 
-/// Frames of an uploaded scene, read back.
+/// Times frames of a scene that is already on the GPU, including reading the pictures back.
 #[cfg(feature = "gpu")]
 fn gpu_frames(criterion: &mut Criterion) {
     use sharp::render::{GpuAdapter, GpuRenderer};

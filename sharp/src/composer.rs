@@ -32,7 +32,7 @@ pub const ATTRIBUTES: usize = 14;
 
 /// The number of deltas does not match the base Gaussians.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{found} deltas for {expected} ({ATTRIBUTES} for each base Gaussian)")]
+#[error("{found} deltas instead of {expected}, {ATTRIBUTES} for each base Gaussian")]
 pub struct DeltaLength {
     /// `ATTRIBUTES · layers · rows · columns`.
     pub expected: usize,

@@ -64,7 +64,7 @@ pub(crate) fn bundles(case: &mut Case) -> Result<Verdict, String> {
         if !matches!(said.code, 0 | 3 | 5) {
             return Ok(Verdict::Error);
         }
-        // For any request, the differences are those of the runs.
+        // Whatever was requested, the gate's differences must equal those of `compare` on the undamaged runs.
         let psnr = rows[0]["difference"].as_f64();
         let json = said.json()?;
         let checks = json["gate"]["checks"].as_array().ok_or("no checks")?;
@@ -99,7 +99,7 @@ pub(crate) fn bundles(case: &mut Case) -> Result<Verdict, String> {
         .find(|row| first(row))
         .and_then(|row| row["mean"].as_f64());
     let expected = rows[0]["mean_a"].as_f64();
-    // Sums over scenes and over pairs round differently.
+    // A tolerance is needed, because sums over scenes and sums over pairs round differently.
     match mean.zip(expected) {
         Some((mean, expected)) if (mean - expected).abs() < 1e-12 => Ok(Verdict::Number),
         _ => Err(format!("another mean: {}", said.out)),

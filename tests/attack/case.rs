@@ -21,7 +21,7 @@ const PATIENCE: Duration = Duration::from_secs(40);
 /// Maximum number of bytes that an invocation may write to each of its outputs.
 const OUTPUT: u64 = 1 << 20;
 
-/// Acceptable outcomes of a case.
+/// The acceptable outcomes of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
     /// Refused, or recorded as a failure, with a reason that names the cause.
@@ -176,7 +176,9 @@ impl Case {
         match code {
             1 => self.judge_error(err),
             // clap adds suggestions.
-            2 if !err.contains("error: ") => Err(format!("no error: {err}")),
+            2 if !err.contains("error: ") => {
+                Err(format!("exit code 2 without an error message: {err}"))
+            }
             _ => Ok(()),
         }
     }
@@ -186,7 +188,7 @@ impl Case {
     fn judge_error(&self, err: &str) -> Result<(), String> {
         let mut errors = err.lines().filter(|line| line.starts_with("error: "));
         let (Some(error), None) = (errors.next(), errors.next()) else {
-            return Err(format!("not one line of error: {err}"));
+            return Err(format!("the error is not a single line: {err}"));
         };
         if err.lines().last() != Some(error) {
             return Err(format!("the error is not the last line: {err}"));
@@ -199,7 +201,9 @@ impl Case {
         let known = self.names.iter().any(|name| reason.contains(name.as_str()));
         let folder = self.dir.path().file_name().unwrap().to_string_lossy();
         if !known && !reason.contains(&*folder) && !reason.contains("--") {
-            return Err(format!("names neither file nor option: {reason}"));
+            return Err(format!(
+                "the message names neither a file nor an option: {reason}"
+            ));
         }
         match reason.len() > 8000 || reason.contains('\n') {
             true => Err(format!("no short line: {reason}")),
@@ -229,7 +233,7 @@ fn said(status: ExitStatus, outputs: &[PathBuf; 2]) -> Result<Said, String> {
     let read = |path: &Path| -> Result<String, String> {
         let bytes = path.metadata().unwrap().len();
         if bytes > OUTPUT {
-            return Err(format!("{bytes} bytes of output"));
+            return Err(format!("wrote {bytes} bytes of output, more than {OUTPUT}"));
         }
         String::from_utf8(std::fs::read(path).unwrap()).map_err(|error| error.to_string())
     };

@@ -147,13 +147,13 @@ fn attack(
     };
     let name = case.random.pick(&names).clone();
     let harmless = spoil::file(case, &name, spoil);
-    // A message may name the dataset, its scene, or a file next to it instead.
+    // Instead of the damaged file, a message may name the dataset, its scene, or another file.
     for word in ["data", "D/", "D:"] {
         case.may_name(word);
     }
     let said = evaluate(case, format)?;
     if harmless && said.code == 0 && case.read("r/scores.csv") != unharmed(format)? {
-        return Err("another score, though the file says the same".to_owned());
+        return Err("another score, although the file's meaning is unchanged".to_owned());
     }
     let pairs = match said.code {
         0 | 4 => rows(&case.path("r/pairs.csv"))?,

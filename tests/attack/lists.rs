@@ -57,7 +57,7 @@ fn copies(row: &BTreeMap<String, String>) -> Known {
             Some(number) => Known::Number(*number),
             None => Known::Impossible("there is no such pair"),
         },
-        Err(_) => Known::Impossible("the unharmed run failed"),
+        Err(_) => Known::Impossible("the run on the undamaged list failed"),
     }
 }
 
@@ -108,7 +108,7 @@ pub(crate) fn pairs(case: &mut Case) -> Result<Verdict, String> {
     let found = rows(&case.path("r/scores.csv"))?;
     if (harmless || spoilt != "p.csv") && found.len() != listed.len() {
         return Err(format!(
-            "{} of {} pairs, though the list says the same",
+            "{} of {} pairs, although the list's meaning is unchanged",
             found.len(),
             listed.len()
         ));
@@ -119,14 +119,14 @@ pub(crate) fn pairs(case: &mut Case) -> Result<Verdict, String> {
         == Some(rows(&case.path("r/pairs.csv"))?.len() as u64)
     {
         true => Ok(verdict),
-        false => Err("the manifest counts other pairs than pairs.csv".to_owned()),
+        false => Err("the manifest states another number of pairs than pairs.csv has".to_owned()),
     }
 }
 
 pub(crate) fn caches(case: &mut Case) -> Result<Verdict, String> {
     let args = ["pairs", "--dataset", DATASET, "--cache", "c", "--out"];
     if case.run(&[&args[..], &["p.csv"]].concat())?.code != 0 {
-        return Err("the unharmed list failed".to_owned());
+        return Err("the run on the undamaged list failed".to_owned());
     }
     let mut names = Vec::new();
     for folder in std::fs::read_dir(case.path("c")).unwrap() {

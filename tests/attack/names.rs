@@ -82,7 +82,7 @@ pub(crate) fn names(case: &mut Case) -> Result<Verdict, String> {
         }
     }
     if case.read("r/report/index.html").contains("<script>alert") || case.path("pwned").exists() {
-        return Err("the name was obeyed".to_owned());
+        return Err("the name was executed by the page or by a shell".to_owned());
     }
     for file in ["scores.csv", "pairs.csv"] {
         for cell in rows(&case.path("r").join(file))?

@@ -53,7 +53,7 @@ pub(crate) fn same(found: &str, expected: f64) -> bool {
     found == expected || (found - expected).abs() <= TOLERANCE * expected.abs()
 }
 
-/// Judges a run: it must end with a clean error, or with rows that failed for a reason or have the
+/// Judges a run: it must end with a clean error, or each of its rows must have a reason for its failure, or the
 /// oracle's number, if the oracle knows one.
 pub(crate) fn judge_run(
     case: &Case,

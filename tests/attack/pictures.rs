@@ -138,7 +138,7 @@ pub(crate) fn metrics(case: &mut Case) -> Result<Verdict, String> {
     let said = case.run(&args)?;
     if said.code != 0 {
         return match harmless {
-            true => Err(format!("refused what is sound: {}", said.err)),
+            true => Err(format!("refused an undamaged picture: {}", said.err)),
             false => Ok(Verdict::Error),
         };
     }
@@ -221,7 +221,7 @@ pub(crate) fn predictions(case: &mut Case) -> Result<Verdict, String> {
     } else {
         spoil::file(case, &made[which].1.clone(), spoil::binary);
     }
-    // Reasons for the other pairs name the folder.
+    // Pairs without a picture fail for a reason that names the folder.
     case.may_name("mine");
     let method = if crops {
         "imported:dir=mine,crop=sidecar"

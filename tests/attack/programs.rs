@@ -13,10 +13,10 @@ const DEEDS: [(&str, &str, bool); 28] = [
     ),
     ("crashes", "exit 3", false),
     ("is killed", "kill -s KILL $$", false),
-    ("ends well without an answer", "exit 0", false),
-    ("answers what is no JSON", "echo hello", false),
+    ("ends successfully without an answer", "exit 0", false),
+    ("answers with text that is not JSON", "echo hello", false),
     (
-        "answers bytes that are no text",
+        "answers with bytes that are not text",
         "printf '\\377\\376\\n'",
         false,
     ),
@@ -25,19 +25,19 @@ const DEEDS: [(&str, &str, bool); 28] = [
         "echo '{\"pair_id\":\"S/x/a__b\"}'",
         false,
     ),
-    ("answers before there is a picture", "answer", false),
+    ("answers before the picture exists", "answer", false),
     (
         "answers twice",
         "cp \"$source\" \"$to\"; answer; answer",
         true,
     ),
     (
-        "answers a line without end",
+        "answers with a line that never ends",
         "head -c 3000000 /dev/zero | tr '\\0' x; echo",
         false,
     ),
     (
-        "answers deep nesting",
+        "answers with deeply nested JSON",
         "head -c 200000 /dev/zero | tr '\\0' '['; echo",
         false,
     ),
@@ -47,42 +47,42 @@ const DEEDS: [(&str, &str, bool); 28] = [
         false,
     ),
     (
-        "answers an error that turns text",
+        "answers with an error that reverses the direction of text",
         "printf '{\"pair_id\":\"%s\",\"error\":\"\\\\u001b[31m\\\\u202e=1+1\"}\\n' \"$id\"",
         false,
     ),
     (
-        "answers an extra that is no number",
+        "answers with an extra that is not a number",
         "cp \"$source\" \"$to\"; echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"extras\\\":{\\\"a\\\":NaN}}\"",
         false,
     ),
     (
-        "answers an extra beyond f64",
+        "answers with an extra that exceeds f64",
         "cp \"$source\" \"$to\"; echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"extras\\\":{\\\"a\\\":1e999}}\"",
         false,
     ),
     (
-        "names /dev/zero as its picture",
+        "gives /dev/zero as its picture",
         "echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"picture\\\":\\\"/dev/zero\\\"}\"",
         false,
     ),
     (
-        "names a folder as its picture",
+        "gives a folder as its picture",
         "echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"picture\\\":\\\"/\\\"}\"",
         false,
     ),
     (
-        "hands back half a picture",
+        "returns half a picture",
         "head -c 900 \"$source\" > \"$to\"; answer",
         false,
     ),
     (
-        "hands back another size",
+        "returns a picture of another size",
         "cp small.png \"$to\"; answer",
         false,
     ),
     (
-        "hands back a page of HTML",
+        "returns a page of HTML",
         "echo '<html></html>' > \"$to\"; answer",
         false,
     ),
@@ -117,7 +117,7 @@ const DEEDS: [(&str, &str, bool); 28] = [
         true,
     ),
     (
-        "closes its outputs and lives on",
+        "closes its outputs and keeps running",
         "exec >&- 2>&-; sleep 1000",
         false,
     ),
@@ -177,13 +177,13 @@ pub(crate) fn programs(case: &mut Case) -> Result<Verdict, String> {
     })?;
     let mine = || found.iter().filter(|row| row["method"] == "mine");
     if hands_back && mine().all(|row| row["status"] != "ok") {
-        return Err("no pair went well".to_owned());
+        return Err("no pair succeeded".to_owned());
     }
     // A program that misbehaved cannot have a score, unless it returned its input.
     if !hands_back
         && mine().any(|row| row["status"] == "ok" && !same(&row["psnr"], copy_of(&found, row)))
     {
-        return Err("a score of what was never handed back".to_owned());
+        return Err("a pair has a score although its picture was never returned".to_owned());
     }
     let log = case
         .path("r/logs/mine.log")
@@ -196,7 +196,7 @@ pub(crate) fn programs(case: &mut Case) -> Result<Verdict, String> {
         let name = entry.unwrap().file_name();
         name.to_string_lossy().starts_with(".scratch")
     }) {
-        return Err("a scratch folder is left".to_owned());
+        return Err("a scratch folder was not removed".to_owned());
     }
     // Processes started by the program end with the run.
     for pid in case.read("pids").lines() {

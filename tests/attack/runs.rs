@@ -92,7 +92,7 @@ pub(crate) fn runs(case: &mut Case) -> Result<Verdict, String> {
         0 => {
             let said = case.run(&[&RUN[..], &["--out", "r"]].concat())?;
             if harmless && said.code == 1 {
-                // It may be refused, for example because of a byte order mark.
+                // A file with an unchanged meaning may still be refused, for example because of a byte order mark.
                 return Ok(Verdict::Error);
             }
             settle(case, said.code, scores)
@@ -165,11 +165,13 @@ fn reported(case: &Case, whole: &Case, is_partial: bool) -> Result<Verdict, Stri
             }
             Some(same) if same["mean"].is_empty() || is_partial => {}
             Some(same) if same["n"] != row["n"] && same["n"] == same["total"] => {
-                return Err(format!("fewer pairs without a word: {same:?}"));
+                return Err(format!(
+                    "pairs are missing, but this is not reported: {same:?}"
+                ));
             }
             Some(same) if same["n"] != row["n"] => {}
             Some(same) => return Err(format!("another mean: {same:?} instead of {row:?}")),
-            // A damaged label is another method, so its numbers are not found.
+            // If a label was damaged, the report has another method, so no row is found.
             None => {}
         }
     }

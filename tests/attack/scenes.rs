@@ -56,7 +56,7 @@ pub(crate) fn gaussians(case: &mut Case) -> Result<Verdict, String> {
         if said.code != 0 {
             return Ok(Verdict::Error);
         }
-        // The number that the header states, unless the file has bytes for fewer.
+        // The number of Gaussians must be the one that the header states.
         let text = case.read("s.ply");
         let said_count = text
             .lines()
@@ -105,7 +105,7 @@ pub(crate) fn cameras(case: &mut Case) -> Result<Verdict, String> {
     let read: serde_json::Value =
         match serde_json::from_str(case.read("cam.json").trim_start_matches('\u{feff}')) {
             Ok(read) => read,
-            Err(error) => return Err(format!("accepted a camera that is no JSON: {error}")),
+            Err(error) => return Err(format!("accepted a camera file that is not JSON: {error}")),
         };
     let json = said.json()?;
     for side in ["width", "height"] {

@@ -131,7 +131,7 @@ fn read_as(spec: &str, root: &Path) {
                 let inside = file
                     .canonicalize()
                     .is_ok_and(|file| root.canonicalize().is_ok_and(|root| file.starts_with(root)));
-                assert!(inside || !file.exists(), "{} was let in", file.display());
+                assert!(inside || !file.exists(), "{} was read", file.display());
             }
             let _ = view.content.image();
             let _ = view.content.depth();

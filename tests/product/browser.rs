@@ -55,7 +55,7 @@ fn main() -> ExitCode {
     libtest_mimic::run(&arguments, trials).exit_code()
 }
 
-/// User actions, as functions for the scripts below; `said` collects what they return.
+/// JavaScript functions that imitate a user's actions, for the scripts below; `said` collects their results.
 const HANDS: &str = r"
   var one = function (selector) { return document.querySelector(selector); };
   var all = function (selector) { return Array.from(document.querySelectorAll(selector)); };

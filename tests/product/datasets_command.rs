@@ -300,7 +300,7 @@ fn own_pictures_need_what_their_camera_file_names() {
     let cameras = files.iter().filter(|file| file["role"] == "camera");
     let cameras: Vec<_> = cameras.map(|file| file["path"].as_str().unwrap()).collect();
     assert_eq!(cameras, ["transforms_train.json"]);
-    // Without the cameras: the files that the layout lists.
+    // If the file of cameras is missing, the layout determines the needed files.
     std::fs::remove_file(train).unwrap();
     let json = needed("nerfstudio=own").ends_with(4).json();
     assert_eq!(json["missing"], 1);

@@ -74,7 +74,7 @@ fn adapters() -> Vec<String> {
         .collect()
 }
 
-/// The driver's name for an adapter, without interface and version.
+/// The name that an adapter's driver reports, without interface and version.
 fn short(adapter: &str) -> &str {
     adapter.split(" (").next().unwrap()
 }
@@ -122,7 +122,7 @@ fn view(adapter: &str) {
         most <= 13 && far <= gpu.as_raw().len() / 100,
         "{most} {far}"
     );
-    // A path: one upload; its first view equals the same view rendered alone.
+    // A path uploads the scene once; its first view equals the same view rendered alone.
     render(
         dir,
         &[

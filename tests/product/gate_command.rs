@@ -175,7 +175,7 @@ fn planted_regressions_are_caught() {
     assert_eq!(found[0], ("eps2d", 3, all.clone()));
     assert_eq!(found[2], ("half a pixel", 3, all.clone()));
     assert_eq!(found[1], ("scale", 3, all[..2].to_vec()));
-    // The same setting, stated explicitly: not a regression, but another convention.
+    // A run with another low-pass is refused, because that is another convention, not a regression.
     gate(dir, "raw", "blurred-raw", &LIMITS[..2]).is_error_with(&["eps2d is"]);
 }
 
@@ -217,7 +217,7 @@ fn one_scene_that_broke_is_found_where_its_dataset_says_nothing() {
         .collect();
     assert_eq!(moved, ["seed5"]);
 
-    // Missing pictures.
+    // A missing picture is reported even if no score got worse.
     let lost = format!("one/{}.png", worst.as_str().unwrap());
     std::fs::remove_file(dir.join(lost)).unwrap();
     run(

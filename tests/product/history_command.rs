@@ -31,7 +31,7 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
 
     let said = add("base", &["--commit", "abc1", "--date", "2026-01-31"]).ends_with(0);
     assert_eq!(said.out, "h/0001.zip  base\n");
-    // The same results again, from the folder or from its bundle.
+    // Adding the same results again, from the folder or from its bundle, does not add an entry.
     let said = add("base", &["--commit", "abc1"]).ends_with(0);
     assert!(
         said.out.contains("already added on 2026-01-31"),
@@ -52,7 +52,7 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
     assert!(bytes("plain.zip") == bytes("base.zip"));
     sharp_bench(dir, &["bundle", "base", "--out", "h/0001.zip"])
         .is_error_with(&["h/0001.zip", "not overwritten"]);
-    // Other results under the same name.
+    // Other results with the same label and commit do add an entry.
     let said = add("worse", &["--label", "base", "--commit", "abc1", "--json"])
         .ends_with(0)
         .json();
@@ -102,7 +102,7 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
         (&of_psnr[0]["n_pairs"], &of_psnr[0]["n_scenes"]),
         (&8.into(), &8.into())
     );
-    // The same numbers as from `compare`.
+    // The numbers equal those of `compare`.
     let compared = sharp_bench(dir, &["compare", "h/0001.zip", "worse", "--json"]);
     let compared = compared.ends_with(0).json();
     assert_eq!(compared["rows"][0]["difference"], change["difference"]);

@@ -84,7 +84,7 @@ fn a_report_shows_the_pictures_that_were_scored() {
     sharp_bench(dir, &["report", "r"]).ends_with(0);
     let shown = page().matches("base64,").count();
     let kept = files_below(&dir.join("r/predictions")).unwrap();
-    // It is a picture of the same size; only its bytes differ.
+    // Another picture of the same size replaces the scored one.
     let black = image::RgbImage::new(48, 36);
     black.save(&kept[0]).unwrap();
     let said = sharp_bench(dir, &["report", "r", "--json"]).ends_with(4);
@@ -169,7 +169,7 @@ fn a_unit_that_leads_out_of_the_folder_or_is_not_its_own_counts_for_nothing() {
         let path = dir.join("r/units/00").join(format!("{name}.json"));
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(&path, serde_json::to_string(unit).unwrap()).unwrap();
-        // It is detected by its name, its checksum or its pair, and reported.
+        // The report detects the hostile unit by its name, its checksum or its pair, and says that it is damaged.
         let (shown, said) = report(4);
         assert_eq!(shown, table, "{}", unit.slot.pair_id);
         assert!(said.contains(name) && said.contains("damaged"), "{said}");
@@ -242,7 +242,7 @@ fn what_a_killed_run_left_goes_at_the_next_start() {
         let names = entries.map(|entry| entry.file_name().into_string().unwrap());
         names.filter(|name| name.starts_with(".scratch-")).count()
     };
-    // The next run looks for it there and nowhere else.
+    // The scratch folder of the killed run is in the run's folder, where the next run finds it, and nowhere else.
     assert_eq!(
         (left(), std::fs::read_dir(dir.join("tmp")).unwrap().count()),
         (1, 0)
@@ -361,7 +361,7 @@ fn names_are_shown_and_not_obeyed() {
             "{file}"
         );
     }
-    // The list still refers to the same scenes.
+    // The pair list of a run with hostile names, read again, refers to the same scenes.
     with(&["--pairs", "r/pairs.csv", "--out", "s"]).ends_with(0);
     assert_eq!(
         read(dir.join("r/scores.csv")),

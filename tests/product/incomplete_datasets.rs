@@ -105,7 +105,7 @@ fn a_list_with_a_broken_scene_is_evaluated_without_it_and_completed_later() {
         assert!(said.err.contains(part), "{}", said.err);
     }
     assert_eq!(read(dir.join("r/scores.csv")).lines().count(), 2);
-    // It also does not prevent the others from being scored again.
+    // The broken scene does not prevent scoring the others again either.
     let score = || {
         sharp_bench(
             dir,

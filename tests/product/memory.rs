@@ -93,7 +93,7 @@ done
 
 #[allow(
     clippy::print_stderr,
-    reason = "the figures are for who asked for them"
+    reason = "prints the figures for whoever set SHARP_BENCH_SOAK"
 )]
 pub(crate) fn soak() {
     let Some(minutes) = minutes() else { return };

@@ -138,7 +138,7 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
     let info = run(dir.path(), &["gaussians", "info", "untagged.ply"]).ends_with(0);
     assert!(info.out.contains("not stated in the file"), "{}", info.out);
     assert!(info.out.contains("plausible as the camera's space"));
-    // With OpenGL axes, and in millimetres.
+    // `gaussians info` recognises OpenGL's axes and millimetres.
     for (scale, words) in [
         (-1.0, "the axes may be OpenGL's"),
         (1000.0, "median depth of 4"),
@@ -278,7 +278,7 @@ fn depth_pro_writes_the_depth_of_a_photograph() {
     let ratio = mean(&millimetres) / mean(&map("p.depth0.png"));
     assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
 
-    // The same network predicts the mirror image for the figure of uncertainty.
+    // `figure uncertainty`, which also predicts the mirrored picture, accepts this network.
     let figure = ["figure", "uncertainty", "--picture", &image, "--out", "u"];
     run(dir.path(), &[&figure[..], &model].concat()).ends_with(0);
     assert!(dir.path().join("u/uncertainty.png").is_file());

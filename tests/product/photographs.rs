@@ -140,7 +140,7 @@ fn the_file_is_the_official_writers() {
     let ((our_head, our_rows, our_tail), (head, rows, tail)) = (ply(&ours), ply(&theirs));
     assert_eq!(our_head, head);
     assert_eq!(our_rows.len(), rows.len());
-    // Positions, colours, opacities, scales; rotations are compared only through covariances.
+    // Compare positions, colours, opacities and scales. Rotations are compared only through covariances.
     for column in 0..10 {
         let largest = rows.iter().map(|row| row[column].abs()).fold(0.0, f32::max);
         for (a, b) in our_rows.iter().zip(&rows) {

@@ -181,7 +181,7 @@ fn doubled_and_broken_gaussians_are_counted() {
             "18432 Gaussians without a match of their own in the reference",
         ),
         (broken, "1 Gaussians not finite"),
-        // An offset does not count as another order.
+        // Gaussians that are far off, but in order, are not reported as reordered.
         (far, "depth"),
     ] {
         let found = parity(dir.path(), &port, &[]).ends_with(1);

@@ -454,7 +454,7 @@ fn planned() {
     run(elsewhere.path(), &["--plan", plan, "--shard", "1/1"]).ends_with(0);
     assert!(!plan_file(dir.path(), "scores.csv").exists());
     assert!(merged(dir.path()) == expected);
-    // Another class of kernels would change the last digits within one table.
+    // Another class of kernels is refused, because one table would contain scores with different last digits.
     run(
         dir.path(),
         &["--plan", "P", "--shard", "1/1", "--simd", "portable"],
@@ -474,7 +474,7 @@ fn planned() {
     // Changes made since the plan are reported, not worked around.
     for (name, from, to) in [
         ("run.toml", "limit = 24", "limit = 3"),
-        // Otherwise, a plan could start programs by itself.
+        // A plan must not be able to allow its own programs.
         (
             "run.toml",
             "limit = 24",
@@ -575,7 +575,7 @@ fn stages() {
     // The plan determines the metrics.
     let other = ["score", "P", "--shard", "1/1", "--metrics", "psnr"];
     assert_eq!(sharp_bench(dir.path(), &other).code, 2);
-    // It also determines the class of kernels, whatever is the fastest on this machine.
+    // The plan also determines the class of kernels, even if this machine has a faster one.
     let pinned = ["--simd=portable", "--limit=2", "--plan-only", "--out", "R"];
     run(dir.path(), &[&WHAT[..], &pinned].concat()).ends_with(0);
     run(

@@ -199,7 +199,7 @@ fn pair_lists_are_artifacts() {
     assert_eq!(json["manifest"]["pairs"]["sha256"], a["sha256"]);
     assert_eq!(json["manifest"]["pairs"]["lists"][0]["origin"], "given");
 
-    // A view that does not exist.
+    // A list that names a view that does not exist is refused.
     let rows = rows(&dir.path().join("a.csv"));
     let (row, source) = (rows[1].join(","), &rows[1][4]);
     let elsewhere = row

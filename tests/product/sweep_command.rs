@@ -185,7 +185,7 @@ fn what_is_wrong_with_a_sheet_is_said() {
     let dir = folder();
     let figure = |name: &str, run: &str, more: &[&str]| {
         let common = ["figure", name, run, "--out", "f"];
-        // Without the option, sheets leave out the mean.
+        // Both methods are requested explicitly, because sheets leave out `mean` by default.
         let both = ["--methods", "copy,mean"];
         let more = match more.contains(&"--methods") {
             true => more.to_vec(),

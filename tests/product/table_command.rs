@@ -104,7 +104,7 @@ fn rows_of_ones_own_stand_below_the_published_ones() {
     );
     assert!(md.contains("- [ ] Middlebury: 1 pair here"), "{md}");
 
-    // Only measured datasets; overwrites the earlier files.
+    // `--only-measured` leaves out other datasets, and the earlier files are overwritten.
     let narrow = table(&["--only-measured", "--json", "--out", "out"])
         .ends_with(0)
         .json();

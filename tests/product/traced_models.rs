@@ -169,8 +169,8 @@ fn a_device_that_this_build_lacks_is_an_error_that_says_how_to_get_it() {
     parity(dir.path(), &tiny(), "500", &["--device", "tpu"]).ends_with(2);
 }
 
-/// Two models with the same file name: in two folders, in one run, one after the other, and one
-/// replacing the other.
+/// Evaluates two models with the same file name: in two folders, in one run, one after the other in one folder, and
+/// after one file has replaced the other.
 #[test]
 fn two_models_of_one_file_name_share_no_number() {
     let dir = tempfile::tempdir().unwrap();

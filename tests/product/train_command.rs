@@ -331,7 +331,7 @@ fn the_bundled_network_predicts_records_and_compares() {
     assert_eq!(json[0]["gaussians"], 2 * 256 * 256);
     let both = [&predict[..], &["--config", "x.json"]].concat();
     sharp_bench(dir.path(), &both).is_error_with(&["own configuration", "./mini"]);
-    // It also predicts if there is no other checkpoint, and a note says so.
+    // Without any checkpoint, `predict` uses the bundled network, and a note says so.
     let none = ["predict", &image, "--out", "q.ply"];
     let said = sharp_bench(dir.path(), &none).ends_with(0).err;
     let note = "the bundled small network predicts: no SHARP checkpoint";

@@ -2,10 +2,7 @@
 //! depth and the two cameras, must match the published left picture as well as if it is warped by
 //! the disparity itself. This reveals a wrong sign, unit, row order or principal point.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests fail the test, as tests do"
-)]
+#![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
 use std::path::{Path, PathBuf};
 

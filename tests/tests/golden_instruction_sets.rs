@@ -114,7 +114,7 @@ fn scorer(
     strip: Option<usize>,
 ) -> Result<Scorer, String> {
     let options = ScorerOptions {
-        simd: Simd::new(level).ok_or("the machine lacks it")?,
+        simd: Simd::new(level).ok_or("this machine does not support the instruction set")?,
         algorithm,
         strip_rows: strip.and_then(NonZeroUsize::new),
         ..ScorerOptions::default()

@@ -174,7 +174,7 @@ fn what_lies_behind_an_opaque_wall_changes_nothing() {
 #[test]
 fn depth_slices_composite_to_the_whole() {
     let mut random = Random(3);
-    // So faint that no pixel stops early.
+    // The Gaussians are so faint that blending stops early at no pixel.
     let faint = Recipe {
         opacities: (0.0, 0.1),
         count: 120,

@@ -27,7 +27,7 @@ const SUSPICIOUS: f64 = 0.25;
 /// Depth agrees overall if at least this fraction of the depths agree, as in valid data with coarse pixels and slanted
 /// surfaces.
 const MOSTLY_AGREEING: f64 = 0.8;
-/// Fraction of depths that agree at least in valid data with little motion.
+/// In valid data with little motion, at least this fraction of the depths agree.
 const AGREEING: f64 = 0.9;
 /// If [`AGREEING`] of the depths agree as read, a change is needed only if it increases this fraction by this much, or
 /// because of the colours.

@@ -25,7 +25,7 @@ pub(super) const CONVENTIONS: [Convention; 4] = [
         RigidTransform::inverse,
     ),
     of("OpenGL's and OpenCV's camera axes exchanged", flip),
-    // Changing the axes before the exchange would give the exchange alone, with other axes of the world.
+    // The camera axes are changed after the exchange. Changed before it, they would be axes of the world.
     of(
         "camera-to-world and world-to-camera exchanged, and also OpenGL's and OpenCV's camera axes",
         |pose| flip(&pose.inverse()),

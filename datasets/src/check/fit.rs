@@ -19,8 +19,8 @@ use super::small_view::{FLIPS, Part, SmallView, WIDEST};
 
 /// Number of steps in each direction in the search for the principal point.
 const CENTRES: i32 = 10;
-/// Ratio between consecutive factors in that search; an offset, in widths of the picture, is a tenth of a factor's
-/// logarithm.
+/// Ratio between consecutive factors in the search for the principal point. That search tries factors, too: its offset,
+/// in widths of the picture, is a tenth of a factor's logarithm.
 const CENTRE_STEP: f64 = 1.12;
 /// Number of searches per axis; a search continues where the one before ended, if that was at the end of its range.
 const CENTRE_SEARCHES: usize = 3;
@@ -153,7 +153,7 @@ impl Neighbours<'_> {
         let is_poor = simple.is_some()
             || is_suspicious(&as_read)
             || self.unexplained(&as_read) > MAX_EXPLAINED_COLOURS;
-        // These have more degrees of freedom, so they must also be better than the simpler changes.
+        // The following changes have more degrees of freedom, so they must also be better than the simpler ones.
         let complex = self
             .some_views()
             .into_iter()

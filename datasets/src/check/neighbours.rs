@@ -194,8 +194,9 @@ impl<'a> Neighbours<'a> {
             })
     }
 
-    /// Distance, in reduced pixels, between a place in the next view and the place predicted by depth and poses for a
-    /// place in a view. `None` without depth there. Cameras are those in which the places were measured.
+    /// Projects a place in view `i` into the next view, by depth and poses, and returns its distance from the place
+    /// `to` there, in reduced pixels. `None` if the first place has no depth. Each camera is the one in which its place
+    /// was measured.
     pub(super) fn miss(
         &self,
         (i, camera, from): (usize, &Intrinsics, DVec2),

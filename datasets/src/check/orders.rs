@@ -249,7 +249,7 @@ impl Neighbours<'_> {
         view.with_depth_of(other).map(Cow::Owned)
     }
 
-    /// [`Self::shown_view`] with its samples.
+    /// The view of [`Self::shown_view`], with the samples of its depth.
     fn shown(&self, i: usize, from: usize, moves: Moves) -> Option<Read<'_>> {
         Some(match self.shown_view(i, from, moves)? {
             Cow::Borrowed(_) => Cow::Borrowed(&self.small[&i]),

@@ -46,7 +46,7 @@ impl SmallView {
         Self::of(view, view.content.image().ok()?, with_depth, widest)
     }
 
-    /// Like `new`, with another picture of the same size instead of the view's photograph.
+    /// Like [`Self::new`], with another picture of the same size instead of the view's photograph.
     pub(super) fn of(
         view: &View,
         picture: RgbImage,

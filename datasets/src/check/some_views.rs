@@ -37,8 +37,8 @@ const MAX_LOSS_OF_ALTERNATIVE: f64 = 1.1;
 /// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;
 
-/// Statistics of the projections with the factor applied to neither view, the first, the second, or both, in this
-/// order.
+/// Statistics of the projections, with the factor applied to neither of the two views, to the first, to the second,
+/// and to both.
 type Choices<'a> = [&'a [Explained]; 4];
 
 impl Neighbours<'_> {

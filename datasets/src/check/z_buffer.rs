@@ -5,9 +5,10 @@ use super::compare::mean_loss;
 use super::explained::{DepthIs, Explained, Reading};
 use super::neighbours::Neighbours;
 
-/// Smallest tried relative excess of the value at infinite depth over the largest stored value.
+/// The value at infinite depth is unknown; it exceeds the largest stored value. This is the smallest relative excess
+/// that is tried.
 const MIN_BEYOND: f64 = 0.001;
-/// Number of tried values of the excess, each twice the previous one.
+/// Number of excesses that are tried, each twice the previous one.
 const DOUBLED: u32 = 9;
 /// Initial factor of the poses' translations, which corresponds to a near plane at 1 / `SCALE` metres.
 const SCALE: f64 = 30.0;

@@ -66,8 +66,8 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
         Some(text) => number("doffs", text)?,
         None => center_offset,
     };
-    // Tolerance: published files round both values to three decimals, and files for rescaled images round a second
-    // time.
+    // A tolerance is needed, because published files round both values to three decimals, and files for rescaled images
+    // round a second time.
     if (doffs - center_offset).abs() > 0.01 {
         return Err(invalid!(
             "doffs is {doffs}, but must equal cx1 - cx0, which is {center_offset}"

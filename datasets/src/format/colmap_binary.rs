@@ -57,8 +57,8 @@ fn cameras_with(
                 is_guessed = true;
                 let params = params_of(model_id).ok_or_else(|| {
                     invalid!(
-                        "camera {id} has unknown model {model_id} (undistort the pictures with `colmap \
-                         image_undistorter`)"
+                        "camera {id} has unknown model {model_id}; make pinhole pictures with `colmap \
+                         image_undistorter`"
                     )
                 })?;
                 (model_id.to_string(), params)
@@ -308,7 +308,7 @@ mod tests {
         );
         assert!(read[&1].lens().is_ok() && read[&4].lens().is_ok());
         let error = read[&2].lens().unwrap_err().to_string();
-        assert!(error.contains("'99' is not read"), "{error}");
+        assert!(error.contains("'99' is not supported"), "{error}");
     }
 
     #[test]

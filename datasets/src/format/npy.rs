@@ -257,7 +257,8 @@ struct NpyType {
 
 impl NpyType {
     fn parse(text: &str) -> Result<Self, FormatError> {
-        let unknown = || FormatError::Unsupported(format!("arrays of type '{text}' are not read"));
+        let unknown =
+            || FormatError::Unsupported(format!("arrays of type '{text}' are not supported"));
         // NumPy writes `|O`; `O` without a byte order is recognised too.
         if text
             .trim_start_matches(['|', '<', '>', '='])
@@ -385,7 +386,10 @@ mod tests {
             (array("'|O'", false, "(1,)", &[0; 8]), "unpickled"),
             (array("'O'", false, "(1,)", &[0; 8]), "unpickled"),
             (array("[('a', '<f4')]", false, "(1,)", &[0; 8]), "simple"),
-            (array("'<c8'", false, "(1,)", &[0; 8]), "'<c8' are not read"),
+            (
+                array("'<c8'", false, "(1,)", &[0; 8]),
+                "'<c8' are not supported",
+            ),
             (array("'<f4'", false, "(2,)", &[0; 7]), "truncated"),
             (
                 array("'<f4'", false, "(9999999999, 9999999999)", &[0; 8]),

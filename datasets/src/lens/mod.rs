@@ -16,7 +16,7 @@ pub use distortion::Distortion;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LensError {
     #[error(
-        "camera model '{model}' is not read (`colmap image_undistorter` makes pinhole pictures)"
+        "camera model '{model}' is not supported; make pinhole pictures with `colmap image_undistorter`"
     )]
     UnsupportedModel { model: String },
     #[error("camera model {model} takes {expected} parameters, not {found}")]

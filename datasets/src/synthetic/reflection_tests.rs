@@ -130,7 +130,7 @@ fn a_mirror_shows_the_reflected_world() {
     assert!(levels(&pictures[0]) > 100);
     let mut compared = 0;
     for (x, y, pixel) in pictures[0].enumerate_pixels() {
-        // The sky is not reflected.
+        // Pixels that reflect the sky are not compared.
         if seen.get_pixel(x, y).0[0] == 0.0 {
             continue;
         }
@@ -187,7 +187,7 @@ fn a_pane_shows_both_worlds() {
             let within = ((outer - inner).tan() / (outer + inner).tan()).powi(2);
             let face = 0.5 * (across + within);
             let reflected = 2.0 * face / (1.0 + face);
-            // The ray is shifted towards its foot on the pane's normal.
+            // The pane shifts the ray sideways, in the plane of incidence.
             let aside = (direction + normal * cosine).normalize_or_zero();
             let shift = thickness_m * (inner.tan() - outer.tan());
             let straight = along(

@@ -50,7 +50,7 @@ struct ConvWeights {
     bias: Tensor,
 }
 
-/// The window of inputs for each output; the same along rows and columns.
+/// The window of inputs from which each output is computed, the same along rows and columns.
 #[derive(Debug, Clone, Copy)]
 struct Window {
     size: usize,

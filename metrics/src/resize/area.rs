@@ -43,7 +43,7 @@ impl AreaSample for f32 {
     }
 }
 
-/// Interleaved RGB of size `to`, whose sides must not exceed those of `from`.
+/// Reduces interleaved RGB from size `from` to size `to`, whose sides must not be larger.
 pub(super) fn shrink<T: AreaSample>(picture: &[T], from: Size, to: Size) -> Vec<T> {
     let mut out = vec![T::default(); 3 * to.width * to.height];
     let (scale_x, scale_y) = (scale(from.width, to.width), scale(from.height, to.height));

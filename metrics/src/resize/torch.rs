@@ -34,7 +34,7 @@ fn neighbours(inputs: usize, outputs: usize) -> Vec<LinearNeighbours> {
         .collect()
 }
 
-/// Without antialiasing: uses four neighbours even when reducing. `picture` is interleaved RGB.
+/// Resizes interleaved RGB without antialiasing: uses four neighbours even when reducing.
 pub(super) fn bilinear(picture: &[f32], from: Size, to: Size) -> Vec<f32> {
     let columns = neighbours(from.width, to.width);
     let rows = neighbours(from.height, to.height);
@@ -80,7 +80,7 @@ fn triangles(inputs: usize, outputs: usize) -> Vec<(usize, Vec<f32>)> {
         .collect()
 }
 
-/// With antialiasing: first along x, then along y, with f32 in between. `picture` is interleaved RGB.
+/// Resizes interleaved RGB with antialiasing: first along x, then along y, with f32 in between.
 pub(super) fn bilinear_antialias(picture: &[f32], from: Size, to: Size) -> Vec<f32> {
     let columns = triangles(from.width, to.width);
     let mut narrow = vec![0.0; 3 * to.width * from.height];

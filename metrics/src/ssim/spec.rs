@@ -4,7 +4,7 @@ use super::filter::QUANTITIES;
 use super::variant::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow};
 use crate::unavailable::Unavailable;
 
-/// A form with the weights of its window.
+/// An [`SsimForm`] with the weights of its window.
 pub(super) struct SsimSpec {
     pub(super) form: SsimForm,
     pub(super) radius: usize,

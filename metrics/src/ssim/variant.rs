@@ -14,7 +14,7 @@ pub enum SsimVariant {
     Gauss11ValidDataRange,
     Gauss11ValidBounded,
     Gauss11ZeroGuarded,
-    /// Only windows that lie inside a mask as a whole; has no value without a mask.
+    /// Uses only windows that are entirely inside a mask; undefined without a mask.
     Gauss11ValidWholeWindow,
 }
 

@@ -34,7 +34,7 @@ use crate::options::Device;
 #[serde(rename_all = "lowercase")]
 pub enum Backbone {
     AlexNet,
-    /// Without batch normalisation.
+    /// VGG16 without batch normalisation.
     Vgg16,
     SqueezeNet1_1,
 }

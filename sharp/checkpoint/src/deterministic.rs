@@ -175,7 +175,7 @@ mod tests {
                 .iter()
                 .map(|v| v.to_bits())
                 .collect();
-            // Only two values of the two-element bias are recorded.
+            // This bias has only two elements, so there are no first four values.
             let recorded = if name.ends_with("head.4.bias") { 2 } else { 4 };
             assert_eq!(bits[..recorded], first[..recorded], "{name}");
             if recorded == 4 {

@@ -8,7 +8,7 @@ use crate::simd::{Simd, per_instruction_set};
 /// Number of values per task.
 const CHUNK: usize = 1 << 14;
 
-/// `x Φ(x)` of every value, absolute error below 3e-7.
+/// Applies GELU, `x Φ(x)`, to every value; the absolute error is below 3e-7.
 pub fn gelu(simd: Simd, x: &[f32]) -> Vec<f32> {
     let mut out = vec![0.0; x.len()];
     let chunks = out.par_chunks_mut(CHUNK).zip(x.par_chunks(CHUNK));

@@ -12,7 +12,7 @@ pub(crate) fn relu(x: f32) -> f32 {
     if x < 0.0 { 0.0 } else { x }
 }
 
-/// The exponential, within 2 units in the last place for -87 ≤ x ≤ 88, clamped beyond.
+/// The exponential, within 2 units in the last place. Inputs are first clamped to -87..88.
 #[inline(always)]
 pub(crate) fn exp<const FMA: bool>(x: f32) -> f32 {
     /// Adding this constant leaves the nearest integer in the low bits.

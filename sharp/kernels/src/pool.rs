@@ -17,7 +17,7 @@ pub struct MaxPool {
 }
 
 impl MaxPool {
-    /// Windows of `size` × `size`, every `stride` pixels.
+    /// Creates a pooling over windows of `size` × `size`, one every `stride` pixels.
     ///
     /// `ceil`: if true, a last window that extends beyond the image is kept and pools only the pixels it covers
     /// (PyTorch's `ceil_mode`). It must still start inside the image.
@@ -132,7 +132,7 @@ pub struct L2Pool {
 }
 
 impl L2Pool {
-    /// The pooling, for one instruction set.
+    /// Creates the pooling for an instruction set.
     pub fn new(simd: Simd) -> Self {
         Self { simd }
     }

@@ -19,7 +19,7 @@ pub struct RowWindow<'a> {
 }
 
 impl<'a> RowWindow<'a> {
-    /// `data` holds `rows` of an image of `height` × `width` × `channels`.
+    /// Creates a window on the `rows` of an image of `height` × `width` × `channels`, whose values are `data`.
     ///
     /// # Panics
     /// If `data` has another length, or the rows lie outside the image.
@@ -70,7 +70,7 @@ impl<'a> RowWindow<'a> {
         }
     }
 
-    /// A whole image.
+    /// Creates a window that covers a whole image.
     ///
     /// # Panics
     /// If the length of `data` is not `height` × `width` × `channels`.

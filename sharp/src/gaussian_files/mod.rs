@@ -22,8 +22,8 @@ pub use spz::{LARGEST_SPZ_SCALE, to_bytes as to_spz_bytes};
 /// Topic of the [`Suspicion`] that a file does not state its axes.
 pub const AXES: &str = "axes";
 
-/// Flips the axes of Gaussians by the given signs to obtain OpenCV axes, and removes the suspicion
-/// about the file's axes.
+/// Flips the axes of Gaussians by the given signs to obtain OpenCV axes, and removes the [`Suspicion`] that the file
+/// does not state its axes.
 ///
 /// # Errors
 /// The text of that suspicion, if there is one and no signs are given.
@@ -111,14 +111,14 @@ pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
         _ if is(".ksplat") => "KSPLAT",
         _ if is("lod-meta.json") => "streamed SOG",
         _ if is(".npz") || is(".npy") => {
-            return Some("NumPy arrays, which are not read".to_owned());
+            return Some("NumPy arrays, which are not supported".to_owned());
         }
         _ => return None,
     };
-    Some(format!("{format}, which is not read; {CONVERT}"))
+    Some(format!("{format}, which is not supported; {CONVERT}"))
 }
 
-/// Reason that a compressed stream cannot be read, in words that do not depend on the decompressor.
+/// Says why a compressed stream cannot be read, in words that do not depend on the decompressor.
 fn unfolding(error: &std::io::Error) -> String {
     let why = match error.kind() {
         std::io::ErrorKind::UnexpectedEof => "it ends early: truncated?",

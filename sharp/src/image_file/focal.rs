@@ -59,7 +59,7 @@ pub struct Focal {
 }
 
 impl Focal {
-    /// `size` is that of the picture after orientation.
+    /// Determines the focal length from a file's bytes; `size` is the picture's size after orientation.
     pub fn of_file(bytes: &[u8], size: (usize, usize)) -> Self {
         let exif = exif::Reader::new()
             .read_from_container(&mut Cursor::new(bytes))
@@ -220,7 +220,7 @@ struct Sensor {
 }
 
 impl Sensor {
-    /// `None` if the file does not state the pitch.
+    /// Computes the focal length from the pixel pitch that the file states; `None` if it states none.
     fn of(exif: &Exif, stated: (f64, f64), size: (f64, f64)) -> Option<Self> {
         let per_unit = positive(exif, Tag::FocalPlaneXResolution)?;
         let lens_mm = positive(exif, Tag::FocalLength)?;

@@ -7,7 +7,7 @@ use crate::camera::Intrinsics;
 
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 
-/// Format of a picture, if it is supported.
+/// Detects the format of a picture; an error if it is not supported.
 pub(super) fn of(bytes: &[u8]) -> Result<ImageFormat, ImageFileError> {
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(32)]).to_ascii_lowercase();
     let text = text.trim_start();
@@ -84,7 +84,7 @@ fn least_bytes_per_pixel(start: &[u8], format: ImageFormat) -> f64 {
     /// Maximum expansion factor of Deflate.
     const DEFLATE: f64 = 1032.0;
     match format {
-        // One bit per block of 8×8 pixels.
+        // JPEG needs at least one bit per block of 8×8 pixels.
         ImageFormat::Jpeg => 1.0 / 64.0 / 8.0,
         // A lossless WebP of a single colour has no data.
         ImageFormat::WebP => 0.0,

@@ -17,10 +17,9 @@ pub struct BaseGradient {
     pub global_scale: f64,
 }
 
-/// Gradient with respect to metric depth, `[layers, height, width]`, in 1/m, computed from the
-/// gradient of the base Gaussians and that of the inverse-depth planes of
-/// [`NormalizedDepth::feature_input`] (`features`, `[layers, height, width]`). `normalized` is the
-/// result of normalising `depth`.
+/// Computes the gradient with respect to metric depth, `[layers, height, width]`, in 1/m. Its inputs are the gradient
+/// of the base Gaussians, and the gradient of the inverse-depth planes of [`NormalizedDepth::feature_input`]
+/// (`features`, `[layers, height, width]`). `normalized` is the result of normalising `depth`.
 ///
 /// Subgradients match torch's: a block's value belongs to the first of its nearest pixels, row by
 /// row. Pixels beyond [`MAX_NORMALIZED_DEPTH`] get no gradient, but those exactly on it do. The

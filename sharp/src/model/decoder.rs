@@ -65,8 +65,8 @@ impl FusionBlock {
         }
     }
 
-    /// `x` (output of the coarser level, if any) and the level's own `map` have the same size; the output's sides are
-    /// doubled if the block upsamples. Without `x`, the map itself is refined.
+    /// Adds the level's own `map` to `x`, the output of the coarser level, which has the same size; without `x`, the
+    /// map itself is refined. If the block upsamples, the output's sides are doubled.
     pub(super) fn forward(&self, x: Option<Tensor>, map: &Tensor) -> candle_core::Result<Tensor> {
         let mut x = match (&self.resnet1, x) {
             (Some(resnet1), Some(x)) => {
@@ -97,7 +97,8 @@ struct Level {
 }
 
 impl Level {
-    /// `fused` is the output of the coarser level, if any. `see` receives the stages `conv` and `fusion`.
+    /// Runs the level; `fused` is the output of the coarser level, if any. `see` receives the stages `conv` and
+    /// `fusion`.
     fn forward(
         &self,
         fused: Option<Tensor>,
@@ -149,8 +150,7 @@ impl MultiresConvDecoder {
         }
     }
 
-    /// `maps` are five maps, finest first, each with twice the resolution of the next. The output has the finest
-    /// resolution.
+    /// Fuses five maps, finest first, each with twice the resolution of the next. The output has the finest resolution.
     pub(super) fn forward(
         &self,
         maps: &[Tensor; 5],

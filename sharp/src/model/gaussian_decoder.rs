@@ -109,7 +109,7 @@ impl AttributeHead {
         }
     }
 
-    /// Outputs are ≥ 0.
+    /// Applies the head; its outputs are at least 0.
     fn forward(
         &self,
         x: &Tensor,

@@ -56,7 +56,7 @@ pub(super) struct Weights {
 }
 
 impl Weights {
-    /// `trains` returns true for the names of parameters that are variables.
+    /// Wraps a source of weights; `trains` returns true for the names of parameters that become variables.
     pub(super) fn new(
         source: impl WeightSource + 'static,
         trains: impl Fn(&str) -> bool + Send + Sync + 'static,
@@ -149,7 +149,7 @@ pub(super) struct Params<'a> {
 }
 
 impl<'a> Params<'a> {
-    /// The root, for layers that run on `compute`.
+    /// Creates the root of a module tree whose layers run on `compute`.
     pub(super) fn new(
         compute: &Compute,
         weights: &Weights,

@@ -128,8 +128,8 @@ impl Vit {
         }
     }
 
-    /// `images` is `[images, 3, size, size]` in −1..1; stages are named `name.…`. Each of `taps` is a block and the
-    /// `places` argument of [`gather`].
+    /// Runs the transformer on `images`, `[images, 3, size, size]` in −1..1. Stages are named `name.…`. Each of `taps`
+    /// is the index of a block and the `places` argument of [`gather`].
     pub(super) fn forward(
         &self,
         images: &[f32],
@@ -217,7 +217,7 @@ impl VitBlock {
         }
     }
 
-    /// Preserves the shape `[images, tokens, dim]`.
+    /// Applies the block; the shape `[images, tokens, dim]` is preserved.
     fn forward(&self, x: Tensor, shape: Shape) -> candle_core::Result<Tensor> {
         let Shape {
             kernels,

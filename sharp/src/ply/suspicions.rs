@@ -186,7 +186,7 @@ struct Range {
 }
 
 impl Range {
-    /// Requires at least one value.
+    /// Measures the range of some values, of which there must be at least one.
     fn of(mut values: Vec<f32>) -> Self {
         values.sort_unstable_by(f32::total_cmp);
         let at = |q: f64| values[((values.len() - 1) as f64 * q).round() as usize];

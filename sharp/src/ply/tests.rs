@@ -99,7 +99,7 @@ fn colours_are_never_guessed() {
     let color = |space| from_bytes(&plain, Some(space)).unwrap().gaussians.colors[0][0];
     assert_eq!(color(ColorSpace::Linear), 0.5);
     assert!((color(ColorSpace::Srgb) - 0.214_041).abs() < 1e-6);
-    // Our own files state it.
+    // Our own files state their encoding, and another one is refused.
     let tagged = to_bytes(&scene(), PlyForm::Plain);
     assert!(from_bytes(&tagged, None).is_ok());
     let contradicted = from_bytes(&tagged, Some(ColorSpace::Linear)).unwrap_err();
@@ -215,7 +215,7 @@ fn hostile_headers_fail_without_large_allocations() {
         ),
     ];
     for (bytes, expected) in cases {
-        // Names a line of the header (unless the file is not a PLY at all), or what is missing.
+        // The error must name a line of the header (unless the file is not a PLY at all), or what is missing.
         let found = match read(&bytes).unwrap_err() {
             PlyReason::Table(TableError::NotPly) => Err(None),
             PlyReason::Table(TableError::Header { line, .. }) => Err(Some(line)),

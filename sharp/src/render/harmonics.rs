@@ -17,7 +17,7 @@ pub(super) struct ViewColors {
 }
 
 impl ViewColors {
-    /// `None` if the scene's colours are drawn unchanged.
+    /// Prepares the evaluation for a view; `None` if the scene's colours are drawn unchanged.
     pub(super) fn new(scene_degree: usize, view: &RenderView) -> Option<Self> {
         let degree = scene_degree.min(view.rule.degree);
         (degree > 0 || view.rule.blending == ColorSpace::Srgb).then(|| Self {

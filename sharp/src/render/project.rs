@@ -77,8 +77,8 @@ pub(super) const ALPHA_MIN: f32 = 1.0 / 255.0;
 const MAX_EXTENT: f64 = 3.33;
 /// Side of the tiles that bound the support, in pixels.
 const SUPPORT_TILE: f64 = 16.0;
-/// Share by which the box is enlarged. Together with [`BOX_MARGIN_PX`], more than rounding in `raster` can move the
-/// 1/255 contour.
+/// Share by which the box is enlarged. Together with [`BOX_MARGIN_PX`], this exceeds the distance by which rounding in
+/// `raster` can move the 1/255 contour.
 const RELATIVE_BOX_MARGIN: f64 = 1e-4;
 /// Pixels by which the box is then enlarged on each side.
 const BOX_MARGIN_PX: f64 = 1e-4;

@@ -3,7 +3,7 @@
 //! A stable radix sort, least significant digit first, 8 bits per pass, of keys that are initially in index order.
 
 const DIGITS: usize = 256;
-/// Number of digits of the depth. The index in the low half is already sorted.
+/// Number of 8-bit digits of the depth, the upper half of a key. The lower half, the index, is already sorted.
 const PASSES: usize = 4;
 
 fn digit(key: u64, pass: usize) -> usize {

@@ -346,7 +346,7 @@ mod tests {
         ] {
             assert_eq!(text.parse::<Rule>().unwrap().to_string(), text);
         }
-        // One choice away from two names: the first is written.
+        // This rule differs from two named rules by one choice each; the text uses the first of them.
         let other: Rule = "gsplat-classic, compensation = root".parse().unwrap();
         assert_eq!(other.compensation, Compensation::Root);
         assert_eq!(other.to_string().parse(), Ok(other));

@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p sharp-train`; set `RAYON_NUM_THREADS=1` to time a single core.
 
-#![allow(clippy::expect_used, reason = "a benchmark may end so")]
+#![allow(clippy::expect_used, reason = "a benchmark may panic")]
 
 use std::hint::black_box;
 

@@ -20,7 +20,7 @@ pub(crate) struct Examples {
 }
 
 impl Examples {
-    /// `teacher` is the file of weights that generate the second stage's views.
+    /// Opens the data of a stage; `teacher` is the file of weights that generate the second stage's views.
     pub(crate) fn open(
         config: &TrainingConfig,
         stage: Stage,

@@ -87,7 +87,7 @@ pub(crate) struct SelfSupervisedSamples {
 }
 
 impl SelfSupervisedSamples {
-    /// `teacher` is the file of weights at the end of the first stage.
+    /// Creates the source of examples; `teacher` is the file of weights at the end of the first stage.
     ///
     /// # Errors
     /// If the file cannot be read.

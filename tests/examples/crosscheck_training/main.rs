@@ -106,7 +106,7 @@ fn colour(loss: Loss<[f32; 3]>) -> Loss<f32> {
     }
 }
 
-/// Every option with a value other than the default, which must be passed to torch.
+/// Options that all differ from the defaults; torch must be given the same ones.
 fn others() -> LossOptions {
     LossOptions {
         color_channels: Channels::Sum,

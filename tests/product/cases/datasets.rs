@@ -52,8 +52,8 @@ fn a_camera_file_of_another_kind_is_named_and_not_read() {
 fn pictures_that_we_undistort_are_said_to_be() {
     let case = case("A08-radial-undistorted");
     ends(&case.said[1], 0, "");
-    case.is_said_everywhere("r", "pictures: 8 of 8 undistorted by us");
-    says(&case.said[1], "undistorted by us");
+    case.is_said_everywhere("r", "pictures: 8 of 8 undistorted by sharp-bench");
+    says(&case.said[1], "undistorted by sharp-bench");
 }
 
 #[test]
@@ -64,7 +64,7 @@ fn camera_models_of_colmap_4_are_read() {
         says(
             &case.said[0],
             &format!(
-                "undistorted by us, bilinearly, from {}",
+                "undistorted by sharp-bench, bilinearly, from {}",
                 name.trim_start_matches("A16-")
                     .trim_start_matches("SIMPLE_")
             ),
@@ -72,7 +72,7 @@ fn camera_models_of_colmap_4_are_read() {
     }
     let case = case("A16-mixed-one-FOV");
     says(&case.said[0], "1 scene, 8 views");
-    says(&case.said[0], "1 of 8 undistorted by us");
+    says(&case.said[0], "1 of 8 undistorted by sharp-bench");
 }
 
 /// A spherical camera has no pinhole view that covers its whole picture: only its pictures are left
@@ -96,8 +96,8 @@ fn a_camera_that_is_not_read_costs_its_pictures() {
     ends(&check, 0, "1 scene, 7 views");
     says(
         &check,
-        "1 frame(s) left out (view_03.png): camera 77 of cameras.txt: camera model 'EQUIRECTANGULAR' is not read (`colmap \
-         image_undistorter` makes pinhole pictures)",
+        "1 frame(s) left out (view_03.png): camera 77 of cameras.txt: camera model 'EQUIRECTANGULAR' is not supported; make \
+         pinhole pictures with `colmap image_undistorter`",
     );
 }
 
@@ -179,7 +179,7 @@ fn a_unit_that_fits_is_named_with_its_setting() {
     }
 }
 
-/// The quick check before pairs are selected: its warning explains why there are none.
+/// If the wrong unit leaves no pairs, the warning of the quick check before their selection explains why.
 #[test]
 fn runs_and_pair_lists_warn_of_units_first() {
     let case = case("X25-depth-metres-npy");

@@ -671,7 +671,7 @@ fn values_of_14_bits_are_told_from_dark_pictures() {
     };
     let unscaled = |x: u32, y: u32| (x * 397 + y * 101) as u16;
     assert!(check("unscaled", &unscaled));
-    // Night with a lamp.
+    // A single bright pixel, like a lamp at night, shows that values are not unscaled.
     assert!(!check("night", &|x, y| if (x, y) == (9, 9) {
         48_000
     } else {

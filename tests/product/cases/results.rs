@@ -88,7 +88,7 @@ fn cameras_and_photographs_of_two_folders_have_to_be_the_same() {
         assert_eq!(said.code, 1, "{line}: {}{}", said.out, said.err);
         assert!(said.err.contains("stereo/s0/left"), "{line}: {}", said.err);
     }
-    // Bundles detect this too.
+    // Comparing bundles detects the replaced photographs, too.
     case.run("sharp-bench bundle r --out r.zip && sharp-bench bundle b --out b.zip")
         .ends_with(0);
     let said = case.run("sharp-bench compare r.zip b.zip");
@@ -127,7 +127,7 @@ fn what_a_manifest_says_of_a_metric_has_to_be_so() {
                 .is_error_with(&["manifest.json was changed", "psnr"]);
         }
     }
-    // The digest of a bundle covers its manifest.
+    // A bundle whose manifest was changed is refused, because the bundle's digest covers the manifest.
     let bytes = fs::read(case.path("r.zip")).unwrap();
     let mut archive = zip::ZipArchive::new(std::io::Cursor::new(bytes)).unwrap();
     let mut changed = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
@@ -175,7 +175,7 @@ fn a_folder_that_was_begun_is_ours_and_one_of_others_is_not() {
     case.run("mkdir mine; touch mine/pairs.csv").ends_with(0);
     case.run(&run.replace("--out r", "--out mine"))
         .is_error_with(&["mine", "it holds other files"]);
-    // Also if pictures were copied before the first unit was finished.
+    // A folder that was left while pictures were copied, before the first unit was finished, can be merged into again.
     case.run("mkdir m; cp r/.lock m; cp -r r/predictions m")
         .ends_with(0);
     case.run("sharp-bench merge r --out m").ends_with(0);

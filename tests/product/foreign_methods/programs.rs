@@ -2,8 +2,7 @@
 
 use super::*;
 
-/// A shell program that returns the source; the number of pairs requested so far determines its
-/// behaviour.
+/// A shell program that returns the source, or misbehaves, depending on the number of pairs requested so far.
 #[cfg(unix)]
 const PROGRAM: &str = r#"
 echo "hello from $$" >&2
@@ -113,8 +112,8 @@ done
     let rows = &scores(dir.path(), "r")["command"];
     assert_eq!(rows.len(), 6);
     let names: Vec<&String> = rows[0].keys().filter(|k| k.starts_with('a')).collect();
-    // The first names in alphabetical order, from three answers and part of the fourth; each next
-    // to its own pair.
+    // The columns are the first names in alphabetical order, which are from three answers and a part of the fourth.
+    // Each value is in the row of its own pair.
     assert_eq!(names.len(), 32, "{names:?}");
     assert!(!rows[0].contains_key("shared") && names.contains(&&"a14_1".to_owned()));
     for (n, row) in (11..).zip(rows) {
@@ -234,7 +233,7 @@ fn nothing_that_a_program_started_outlives_a_run_that_is_ended() {
                 .status();
             std::thread::sleep(Duration::from_millis(200));
         }
-        wait("something outlived the run", &|| {
+        wait("a process that the run started is still alive", &|| {
             std::fs::read_to_string(&process).map_or(true, |name| name.trim() != "sleep")
         });
     }
@@ -389,7 +388,7 @@ fn shards_start_a_program_only_with_leave() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     std::fs::write(dir.join("my.sh"), PROGRAM).unwrap();
-    // Beyond the pairs that fail.
+    // Start counting after the pairs that fail.
     std::fs::write(dir.join("count"), "7").unwrap();
     let planned = [
         "--method",

@@ -111,7 +111,7 @@ done
     assert_eq!(identity["settings"]["scales"], "0.5+1+2");
     assert!(identity["settings"]["chosen_by"].is_string());
 
-    // Both are as privileged as the paper's rows: by a sweep and by depth.
+    // Both rows have the privilege of the paper's rows: one by a scale sweep, one by depth.
     let table = |name: &str, row: &str| {
         let args = ["table", name, "--metrics", "psnr", "--row", row];
         sharp_bench(dir, &args).out

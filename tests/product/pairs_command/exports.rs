@@ -212,7 +212,7 @@ fn cameras_of_a_scale_sweep_are_exported() {
     };
     let written = export("0.5,1,2").ends_with(0).json()["written"].clone();
     assert_eq!(written, 1);
-    // Other scales are a separate export.
+    // With other scales, the pair is written again.
     assert_eq!(export("0.5,2").ends_with(0).json()["written"], 1);
     assert_eq!(export("0.5,2").ends_with(0).json()["kept"], 1);
     let list = read(dir.path().join("p.csv"));

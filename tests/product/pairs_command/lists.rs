@@ -61,7 +61,7 @@ fn lists_are_verified_against_files() {
     assert_eq!(json["photographs"], 2);
     assert_eq!(json["equal"], 2);
 
-    // Another photograph, and another calibration.
+    // Change a photograph and a calibration, which `pairs verify` must report.
     let picture = find(&data, "im1.png");
     let mut image = image::open(&picture).unwrap().to_rgb8();
     image.put_pixel(0, 0, image::Rgb([1, 2, 3]));
@@ -261,7 +261,7 @@ fn a_list_with_other_bytes_is_copied_as_it_is() {
     );
     assert_eq!(again["manifest"]["pairs"], pairs);
     assert_eq!(pairs["sha256"], hash("r/pairs.csv"));
-    // The same holds for an export.
+    // An export copies the list unchanged, too.
     let export = [
         "pairs",
         "export",

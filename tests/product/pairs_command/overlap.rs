@@ -244,7 +244,7 @@ fn depth_pro_decides_overlap_and_is_recorded() {
         read(dir.path().join("again.csv")),
         read(dir.path().join("pro.csv"))
     );
-    // Other depth has another table.
+    // Overlaps from another depth are cached in a table of their own.
     made("truth.csv", "ground-truth", &[]).ends_with(0);
     assert_eq!(files(&dir.path().join("c")).len(), 2);
     assert_ne!(

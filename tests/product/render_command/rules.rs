@@ -95,7 +95,7 @@ fn harmonics_are_blended_as_encoded_values_over_the_background() {
     let picture = picture(dir.join("x.png"));
     assert_eq!(picture.get_pixel(4, 3).0, [156, 255, 128]);
     assert_eq!(picture.get_pixel(0, 0).0, [51, 102, 255]);
-    // Single choices, and options with the same effect.
+    // Setting single choices by `--rendering` has the same effect as the options for them.
     let dc = "gsplat-classic,degree=0";
     let said = of_arrays(dir, &["--rendering", dc, "--out", "dc.safetensors"]);
     assert!(said.ends_with(0).err.contains("above degree 0"));

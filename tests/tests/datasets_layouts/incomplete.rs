@@ -237,7 +237,7 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             scene.why.is_fault() && why.contains(reason),
             "{what}: {why}"
         );
-        // The check counts it; requesting all scenes is an error.
+        // `check` counts the damage as a problem, and readers that require all scenes return it as an error.
         let report = check(&spec(format, folder.path()), 1, &|_, _| {}).unwrap();
         let in_scenes: usize = report.scenes.iter().map(|s| s.problems.len()).sum();
         assert_eq!(report.problems - in_scenes, 1, "{what}");

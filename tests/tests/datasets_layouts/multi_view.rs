@@ -170,7 +170,7 @@ fn colmap_binary_with_a_camera_of_an_unknown_model() {
     compare(&found.views, &scene.views()[1..], Depth::Absent);
     let picture = format!("left out ({}.png): ", scene.views()[0].id);
     let reason =
-        "camera model '99' is not read (`colmap image_undistorter` makes pinhole pictures)";
+        "camera model '99' is not supported; make pinhole pictures with `colmap image_undistorter`";
     assert!(
         found
             .notes
@@ -438,7 +438,7 @@ fn scannetpp() {
     );
     let found = read("scannetpp,depth=none", folder.path());
     compare(&found.views, scene.views(), Depth::Absent);
-    // Their depth is looked up in the fisheye map.
+    // The depth of the undistorted pictures is looked up in the fisheye map.
     let found = read("scannetpp", folder.path());
     for (a, b) in found.views.iter().zip(scene.views()) {
         let share = agreement(&write::depth_of(a), &write::depth_of(b));

@@ -113,7 +113,7 @@ fn what_was_done_to_pictures_is_said_once_a_scene() {
     let found = read("scannetpp", folder.path());
     says(
         &found,
-        "pictures: 5 of 5 undistorted by us",
+        "pictures: 5 of 5 undistorted by sharp-bench",
         "OPENCV_FISHEYE",
     );
     let k = found.views[0].intrinsics;

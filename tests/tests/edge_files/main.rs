@@ -50,6 +50,6 @@ fn refused<T>(
 ) -> Outcome {
     let error = result.err().ok_or("was read without an error")?.to_string();
     check(error.contains(file) && error.contains(reason), || {
-        format!("'{error}' names not both '{file}' and '{reason}'")
+        format!("'{error}' does not name both '{file}' and '{reason}'")
     })
 }

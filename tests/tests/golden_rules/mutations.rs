@@ -108,7 +108,7 @@ pub(crate) const ALL: [(&str, Mutation); 23] = [
 /// model.
 const EXPECTED_WITHIN: f64 = 2e-3;
 
-/// The only mutation whose picture is encoded after blending.
+/// The only mutation for which colours are encoded after blending instead of before.
 const BLEND_LINEAR: &str = "blend_linear";
 
 fn true_colors(scene: &Gaussians, view: &RenderView) -> Vec<[f32; 3]> {

@@ -129,8 +129,8 @@ fn project(scene: &Gaussians, k: usize, view: &RenderView) -> Option<Projected> 
 }
 
 impl Reference {
-    /// Asserts 2e-5 for all pixels that are not fragile, and the effect of one threshold for the
-    /// others.
+    /// Asserts that pixels that are not fragile differ by at most 2e-5, and the others by at most the effect of one
+    /// threshold.
     pub(crate) fn assert_close(&self, found: &RenderOutput, story: &str) {
         assert_eq!(found.alpha.len(), self.alpha.len());
         for i in 0..self.alpha.len() {

@@ -15,8 +15,8 @@ use crate::View;
 const MIN_OF_FOCALS: f64 = 0.85;
 /// Number of focal lengths tried in each direction (up to a factor of 2), then the ratio between consecutive ones.
 const FOCALS: (i32, f64) = (20, 1.0353);
-/// Square pixels are preferred to a factor of fx or fy alone unless they explain a smaller fraction of the matches, by
-/// more than this.
+/// A common factor of fx and fy, which keeps pixels square, is preferred to a factor of one of them, unless the
+/// fraction of matches that it explains is lower by more than this.
 const MAX_LOST_BY_SQUARE: f64 = 0.03;
 /// Factors of the focal lengths that test whether the matches determine them; if so, these factors
 /// explain far fewer matches.

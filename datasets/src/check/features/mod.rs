@@ -30,7 +30,7 @@ const CELLS: (u32, u32) = (14, 10);
 const RADIUS: u32 = 3;
 /// Patches match only if their correlation is at least this.
 const MIN_ALIKE: f32 = 0.85;
-/// A match is unique if its distance, 1 − correlation, is below this multiple of the second best one's.
+/// A match is unique if its distance (1 − correlation) is below this multiple of the second-best match's distance.
 const UNIQUE: f32 = 0.6;
 /// A match lies on its epipolar line if its distance from it is at most this, in pixels.
 const NEAR: f64 = 1.0;

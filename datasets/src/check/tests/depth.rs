@@ -208,7 +208,7 @@ fn depth_beyond_16_bits_is_named_with_its_file() {
                 let pose = view.camera_from_world.inverse();
                 let (r, t) = (pose.rotation, pose.translation);
                 let rows = [0, 1, 2].map(|i| {
-                    // OpenGL's camera axes.
+                    // Convert to OpenGL's camera axes, which the file has.
                     let [x, y, z] = [r.x_axis[i], -r.y_axis[i], -r.z_axis[i]];
                     format!("[{x}, {y}, {z}, {}]", t[i])
                 });
@@ -251,7 +251,7 @@ fn steep_edges_indoors_and_outdoors_are_proper() {
         for effort in [QUICK, THOROUGH] {
             assert_eq!(found(&views, effort), [""; 0], "{seed} {effort:?}");
         }
-        // Sensor noise.
+        // Add noise, as of a depth sensor.
         change(&mut views, |c| {
             c.each(|z| {
                 let noise = (z.to_bits().wrapping_mul(2_654_435_761) >> 8) as f32 / 16_777_216.0;

@@ -98,7 +98,8 @@ fn output_1d<const FMA: bool>(m: [&[f32; LANES]; 6]) -> [ChannelLanes; 4] {
     out
 }
 
-/// Memory layout of the transformed tiles of a task: places outermost, then runs of [`KC`] channels, then tiles.
+/// Memory layout of a task's transformed tiles: the 36 places of a tile are outermost, then come runs of [`KC`]
+/// channels, then tiles.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InputLayout {
     /// Distance between tiles.

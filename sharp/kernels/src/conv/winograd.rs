@@ -14,7 +14,7 @@ use crate::workspace::{Aligned, SharedOut, run_tasks};
 /// Side of a tile of output pixels.
 const SIDE: usize = 4;
 
-/// Output rows of all tiles that overlap `out`; the tile grid starts at row 0.
+/// Widens `out` to the rows of all tiles that it overlaps; the tile grid starts at row 0.
 pub(super) fn whole_tiles(out: Range<usize>) -> Range<usize> {
     if out.is_empty() {
         return 0..0;

@@ -123,8 +123,8 @@ mod x86 {
     /// this one. Saves a tenth of the time if `B` is read from the last-level cache.
     const AHEAD: usize = 32;
 
-    /// Defines a kernel of `$rows` rows by two vectors of `$lanes`: per row, two accumulators and one broadcast of `A`;
-    /// two vectors of `B` are shared by all rows.
+    /// Defines a kernel for a tile of `$rows` rows by two vectors of `$lanes` columns. Each row has two accumulators
+    /// and one broadcast of `A`; all rows share two vectors of `B`.
     macro_rules! kernel {
         ($name:ident, $features:literal, $rows:literal x $lanes:literal, $zero:ident,
          $load:ident, $splat:ident, $fma:ident, $add:ident, $store:ident) => {

@@ -6,8 +6,8 @@ use crate::workspace::Aligned;
 
 /// A `k` × `n` matrix (the weights), packed for one instruction set, with a bias per column.
 ///
-/// Split into runs of at most `KC` rows, each run into panels of `nr` columns, each panel stored row by row. Columns
-/// are zero-padded to whole panels.
+/// The matrix is split into runs of at most `KC` rows, and each run into panels of `nr` columns. A panel is stored row
+/// by row. Columns are zero-padded to whole panels.
 #[derive(Debug, Clone)]
 pub struct PackedMatrix {
     simd: Simd,

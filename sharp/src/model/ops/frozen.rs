@@ -20,8 +20,9 @@ pub struct FrozenConvolution {
 }
 
 impl FrozenConvolution {
-    /// `weight` is `[out, in, kernel, kernel]`. An odd kernel is padded to preserve an image's size up to the stride.
-    /// With `dilation` (the distance between the kernel's taps in pixels), the stride must be 1.
+    /// Packs the weights, `[out, in, kernel, kernel]`. An odd kernel is padded so that the output has the image's size,
+    /// divided by the stride. If `dilation` (the distance between the kernel's taps, in pixels) exceeds 1, the stride
+    /// must be 1.
     ///
     /// # Errors
     /// If the device fails.
@@ -87,7 +88,7 @@ impl FrozenConvolution {
             .contiguous()
     }
 
-    /// Each of the `dilation²` images, with at least one line of zeros after each side.
+    /// Splits an image into its `dilation²` images, each with at least one line of zeros after each side.
     fn apart(&self, x: &Tensor) -> Result<Tensor> {
         let (_, height, width, channels) = x.dims4()?;
         let d = self.dilation;

@@ -98,7 +98,8 @@ impl Operation for LayerNorm {
     }
 }
 
-/// Centred first, then squared: a difference of large sums would lose digits.
+/// Normalises with the given mean. Values are centred before they are squared, because a difference of large sums
+/// would lose digits.
 fn normalized(x: &Tensor, mean: impl Fn(&Tensor) -> Result<Tensor>, eps: f32) -> Result<Tensor> {
     let centered = x.broadcast_sub(&mean(x)?)?;
     let variance = mean(&centered.sqr()?)?;

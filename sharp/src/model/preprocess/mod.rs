@@ -127,7 +127,7 @@ fn photo_from_bytes(
             header.orientation
         );
     } else if picture.turned {
-        // Not worth a warning: phones always rotate this way, and the release handles it.
+        // Remove the note on the rotation: phones always rotate this way, and the release handles it.
         warnings.remove(0);
     }
     let image = picture.image;

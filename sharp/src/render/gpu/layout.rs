@@ -99,7 +99,8 @@ shared! {
 }
 
 impl FrameUniform {
-    /// `count` is the number of Gaussians in the scene, `pairs` the number of pairs in the sub-frame.
+    /// Describes a sub-frame to the shaders. `count` is the number of Gaussians in the scene, `pairs` the number of
+    /// (tile, Gaussian) pairs in the sub-frame.
     pub(super) fn new(part: SubFrame, (count, pairs): (u32, u32), alpha_max: f32) -> Self {
         Self {
             first: part.first.into(),

@@ -240,7 +240,7 @@ fn project_is_its_twin() {
                 continue;
             }
             drawn += 1;
-            // These bits determine the order.
+            // The bits of z determine the drawing order, so they must be equal.
             assert_eq!(found.z.to_bits(), expected.z.to_bits(), "{k}");
             assert_eq!((detail[1], detail[2]), (cpu.opacity, expected.z), "{k}");
             for axis in 0..2 {

@@ -48,7 +48,7 @@ pub enum DataError {
         count: usize,
         every: usize,
     },
-    /// Some of the scenes are reserved for evaluation.
+    /// Some of the procedural scenes are held out, i.e. reserved for evaluation.
     #[error(
         "{dataset}: only seeds {} to {} may be used for training; all others are held out",
         TRAINING_SEEDS.start(),

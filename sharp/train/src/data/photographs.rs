@@ -15,7 +15,7 @@ use super::{DataError, Photograph, Source, draws};
 /// Accepted file extensions, in lower case.
 const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// Paths below a folder, with `/`, and files.
+/// Pictures below a folder: the path relative to it, with `/` as the separator, and the file.
 type Pictures = Vec<(String, PathBuf)>;
 
 /// PNG and JPEG files of a folder and its subfolders. Photograph k is a random one of them.

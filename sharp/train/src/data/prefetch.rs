@@ -29,7 +29,7 @@ impl<T: Send + 'static> Prefetcher<T> {
         let failed = |e: &dyn std::fmt::Display| DataError::Start(e.to_string());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
         let pool = pool.map_err(|e| failed(&e))?;
-        // One more sample is prepared while these wait.
+        // `ahead` samples wait in the channel, and the thread prepares one more.
         let (sender, made) = sync_channel(ahead.max(1));
         let maker = std::thread::Builder::new()
             .name("training data".to_owned())

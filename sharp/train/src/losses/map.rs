@@ -30,7 +30,8 @@ impl Grid {
         [(x, 1, self.width), (y, self.width, self.height)]
     }
 
-    /// Stencil of a pixel at `at`: distance to the previous neighbour, to the next one, and the factor.
+    /// The difference stencil of the pixel at `at` along a side: distance to the previous neighbour, distance to the
+    /// next one, and the factor of their difference.
     fn reach(&self, at: usize, side: usize) -> (usize, usize, f64) {
         let on = usize::from(at + 1 < side);
         match self.difference {
@@ -67,7 +68,7 @@ impl Grid {
 }
 
 impl GradientNorm {
-    /// Norm of a gradient vector, and its derivative.
+    /// The norm of a gradient vector, and the derivative of that norm.
     pub(super) fn of(self, [x, y]: [f64; 2]) -> (f64, [f64; 2]) {
         match self {
             Self::Absolute => (x.abs() + y.abs(), [sign(x), sign(y)]),

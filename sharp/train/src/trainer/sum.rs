@@ -5,7 +5,7 @@ use crate::losses::TERMS;
 pub(super) struct StepSum {
     pub(super) terms: [f64; TERMS.len()],
     pub(super) total: f64,
-    /// One element per trained parameter.
+    /// Gradients of the loss, one element per trained parameter.
     pub(super) gradients: Vec<Vec<f32>>,
 }
 

@@ -49,7 +49,10 @@ fn losses_follow_the_committed_curve() {
             .iter()
             .fold(0.0, |l: f64, row| l.max(row[column].abs()));
         // All offsets are within the margin of `delta`.
-        assert!(largest > 0.0 || name == "delta", "{name} is never seen");
+        assert!(
+            largest > 0.0 || name == "delta",
+            "{name} is 0 in every step"
+        );
         // Factors are nearly 1, so these losses consist of the last bits only.
         if is_portable && name.starts_with("scale") {
             continue;

@@ -6,9 +6,9 @@ use super::*;
 /// How a training is interrupted.
 #[derive(Clone, Copy, PartialEq)]
 enum Interruption {
-    /// Like a caught signal: stops before the next step.
+    /// As after a signal: stops before the next step.
     Stop(Position),
-    /// Like a power cut: the step is in the log, but in no checkpoint.
+    /// As after a power cut: the step is in the log, but not in any checkpoint.
     Kill(Position),
     /// A validation fails.
     Unmeasured(Position),
@@ -78,7 +78,7 @@ fn files(threads: usize, interruptions: &[Interruption]) -> BTreeMap<String, Vec
                         Trainer::open(config.clone(), None, folder.path(), cpu()).unwrap();
                     assert_eq!(taken_up.position(), position);
                 }
-                _ => panic!("not interrupted as asked"),
+                _ => panic!("the training was not interrupted as requested"),
             }
         }
     });
