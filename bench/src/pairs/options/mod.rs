@@ -274,7 +274,7 @@ impl PairOptions {
         choices.map(|(key, choice)| (key, choice.text())).collect()
     }
 
-    /// Help on every key: its values, default and meaning, two lines per key, indented by two blanks.
+    /// Help on every key: its values, default and meaning, two lines per key, indented by two spaces.
     pub fn help() -> String {
         let mut options = Self::default();
         let choices = options.choices().into_iter().zip(MEANINGS);

@@ -65,7 +65,7 @@ impl PairList {
     /// As [`Self::read`], from bytes; `path` is only used in errors.
     ///
     /// # Errors
-    /// As [`Self::read`], except [`PairError::File`].
+    /// Those of [`Self::read`], except [`PairError::File`].
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, PairError> {
         let wrong = |line: u64, reason: String| PairError::List {
             path: path.to_owned(),
@@ -158,7 +158,7 @@ impl PairList {
     /// As [`Self::resolve`], but skips pairs of scenes and views that could not be read.
     ///
     /// # Errors
-    /// As [`Self::resolve`]; also for a scene that is excluded by a setting of its dataset.
+    /// Those of [`Self::resolve`]; also for a scene that is excluded by a setting of its dataset.
     pub fn resolve_readable<'a>(
         &'a self,
         scenes: &'a [Scene],
