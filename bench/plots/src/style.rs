@@ -107,7 +107,7 @@ impl FigureStyle {
     /// Reads a TOML file.
     ///
     /// # Errors
-    /// Names the file and the key that is unknown or out of range.
+    /// The error names the file and the key that is unknown or out of range.
     pub fn read(path: &Path) -> Result<Self, StyleError> {
         let wrong = |reason: String| StyleError {
             path: path.to_owned(),
