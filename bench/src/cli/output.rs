@@ -200,7 +200,7 @@ impl Terminal {
 
     fn obeying(budget: Option<Duration>, #[cfg(unix)] signals: &[i32]) -> io::Result<Self> {
         let terminal = Self {
-            // A budget too large for the clock counts as none.
+            // Ignore a budget that is too large for the clock.
             deadline: budget.and_then(|budget| Instant::now().checked_add(budget)),
             ..Self::default()
         };

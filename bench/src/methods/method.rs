@@ -92,7 +92,7 @@ impl<'a> SourceView<'a> {
     }
 }
 
-/// The target's camera, all that a method gets of the target.
+/// The target's camera, which is all that a method knows about the target.
 #[derive(Debug, Clone, Copy)]
 pub struct TargetCamera<'a> {
     pair_id: &'a str,
@@ -326,7 +326,7 @@ pub enum Approach<'a> {
     Gaussians(&'a dyn PredictGaussians),
     /// Pictures at several scales of the scene; the best is scored.
     Scales(&'a dyn PredictScales),
-    /// The ground truth itself, which the method does not get: a self-test of the whole pipeline.
+    /// The ground truth itself, for a self-test of the whole pipeline. The method does not see it.
     Target,
 }
 

@@ -47,7 +47,7 @@ impl Division {
         }
     }
 
-    /// The measure of motion that divides the pairs; `None` if it is unknown or not finite.
+    /// A record's value of the measure of motion that divides the pairs; `None` if it is unknown or not finite.
     fn value(self, record: &Record) -> Option<f64> {
         match self {
             Self::Scene | Self::Pixels => None,

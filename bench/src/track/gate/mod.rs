@@ -215,7 +215,7 @@ fn shell_word(text: &str) -> String {
     }
 }
 
-/// Judges run B relative to run A. `methods` as for [`compare`].
+/// Judges run B relative to run A. `methods` has the same meaning as in [`compare`].
 ///
 /// # Errors
 /// If the runs cannot be compared, or a limit names a metric or a dataset that they do not have.

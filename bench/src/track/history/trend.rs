@@ -340,7 +340,7 @@ impl MethodMetric<'_> {
         (point.n_planned > 0).then_some(point)
     }
 
-    /// The results in `all` of this method and metric on `datasets`.
+    /// The part of `all` that has results of this method and metric on `datasets`.
     fn of(&self, all: &Results, datasets: &[&str]) -> Results {
         let is_ours = |dataset: &str, method: &str| {
             method == self.method.label && datasets.contains(&dataset)
