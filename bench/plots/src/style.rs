@@ -66,7 +66,7 @@ pub struct FigureStyle {
     pub methods: BTreeMap<String, MethodStyle>,
 }
 
-/// Colour and marker of one method; by default those of its place in the run.
+/// Colour and marker of one method. By default, they are chosen by the method's position in the run.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MethodStyle {
@@ -173,7 +173,7 @@ impl FigureStyle {
         self.width_mm / MM_PER_INCH * 96.0 / self.medium().zoom
     }
 
-    /// Error message asking for a figure `times` times as wide.
+    /// Error message that asks for a figure `times` as wide.
     pub fn narrow(&self, times: f64) -> String {
         let Self {
             width_mm, font_pt, ..

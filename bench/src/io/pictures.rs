@@ -71,7 +71,7 @@ pub fn is_picture(path: &Path) -> bool {
     extension(path).is_some_and(|found| EXTENSIONS.contains(&found.as_str()))
 }
 
-/// As [`read_as`] under the default rules.
+/// Like [`read_as`], under the default rules.
 ///
 /// # Errors
 /// Those of [`read_as`].
@@ -127,7 +127,7 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
 /// files. A picture with an EXIF orientation needs a stated rule for reading it.
 ///
 /// # Errors
-/// The errors of [`read_as`] that the header reveals.
+/// Those errors of [`read_as`] that the header reveals.
 pub fn dimensions(path: &Path, rules: &PictureRules) -> Result<Option<(u32, u32)>, ReadError> {
     match extension(path).as_deref() {
         Some("exr") => return exr_dimensions(path).map(Some),

@@ -173,8 +173,8 @@ fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     views.collect()
 }
 
-/// Replaces the list files of ScanNet++ by that of the requested split. `None` if
-/// the split is the whole dataset, which needs no list.
+/// Replaces the list files of ScanNet++ by that of the requested split. `None` if the split is the whole dataset, which
+/// needs no list.
 fn of_split(mut file: RequiredFile, split: Option<&str>) -> Option<RequiredFile> {
     if let (FileRole::List, Some(split)) = (file.role, split)
         && file.path.starts_with("splits/")
