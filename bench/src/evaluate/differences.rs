@@ -266,9 +266,8 @@ fn metric_facts(info: &MetricInfo) -> [(&'static str, String); 4] {
     ]
 }
 
-/// Both values of the first setting that differs between the manifests; if there is none, both
-/// specs. Settings that only one manifest has are ignored, because versions may record more or
-/// fewer.
+/// The first reader setting whose value differs between the manifests, as `key=value` in each of them. Settings that
+/// only one manifest has are ignored, because versions may record more or fewer. If no setting differs, both specs.
 fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     let mut differing = before.readings.iter().filter_map(|old| {
         let new = now.readings.iter().find(|new| new.key == old.key)?;

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum PictureChange {
-    /// It is the photograph.
+    /// The photograph itself was stored.
     Photograph,
     /// It resembles neither its photograph nor the source's, and no other change explains that.
     Unlike,

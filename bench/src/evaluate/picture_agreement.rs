@@ -53,8 +53,8 @@ pub(super) fn changed_pictures<'a>(
 }
 
 /// A sentence on each change that enough of the named `pictures` share; clear and visible changes need a smaller share.
-/// `photographs` follows "the photographs" in the sentence and names those that the pictures were compared with, as in "of
-/// DATASET".
+/// `photographs` completes "the photographs …" in the sentence, as in "of DATASET"; it names those that the pictures were
+/// compared with.
 pub(crate) fn agreed_changes(
     pictures: &[(&str, Option<PictureChange>)],
     photographs: &str,

@@ -1,8 +1,8 @@
 //! Detects pictures that are stored differently from how they are read, such as mirrored ones, by comparing them with
 //! the target's photograph.
 //!
-//! Poor predictions must not raise false alarms, so a change has to bring a picture significantly closer to its
-//! photograph, and for nearly all pictures of a dataset. Shifts are not tried here, because parallax that a method
+//! Poor predictions must not raise false alarms, so a change is reported only if undoing it brings nearly all pictures
+//! of a dataset significantly closer to their photographs. Shifts are not tried here, because parallax that a method
 //! ignores moves all pictures of a stereo dataset alike. Scores do not depend on this check.
 
 use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotate270, thumbnail};

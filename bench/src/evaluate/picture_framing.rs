@@ -119,8 +119,8 @@ struct FramedTarget<'a> {
     target: &'a RgbImage,
 }
 
-/// A block's row of the linear system, whose unknowns are zoom, roll and shift (see [`fitted`]), and its displacement
-/// across its epipolar line, in pixels.
+/// One block's equation: the coefficients of the unknowns zoom, roll and shift (see [`fitted`]), and the block's
+/// displacement across its epipolar line, in pixels.
 type Line = (DVec4, f64);
 
 /// A measurement of a picture after undoing a zoom.

@@ -1,6 +1,6 @@
 //! Detects pictures with bars, margins, missing rows or interlaced rows, at full resolution.
 //!
-//! Holes of a rendering are not detected: their edges follow the scene, or they are on one side or on all sides.
+//! Holes of a rendering are not reported, because their edges follow the scene, or they are on one side or on all sides.
 
 use image::RgbImage;
 

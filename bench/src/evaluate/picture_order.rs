@@ -457,7 +457,8 @@ mod tests {
         );
     }
 
-    /// The warning about 8 pictures of as many sources, `found` of which show a camera; the others show their own.
+    /// The warning about 8 pictures, each of another source. `found` lists wrong cameras and how many pictures show them;
+    /// the other pictures show their own.
     fn told_of(found: &[(ShownCamera, usize)]) -> Option<String> {
         let found = found
             .iter()

@@ -40,7 +40,7 @@ pub(super) fn placement_change(seen: &RgbImage, shown: &RgbImage) -> Option<Pict
     place.change().filter(|_| place.is_significant(seen, shown))
 }
 
-/// Whether a half or a third of the picture is the whole photograph.
+/// Whether a half or a third of the picture shows the whole photograph.
 fn has_panels(seen: &RgbImage, shown: &RgbImage) -> bool {
     let (width, height) = seen.dimensions();
     [(2, 1), (1, 2), (3, 1), (1, 3)]

@@ -198,7 +198,7 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     }
 }
 
-/// The folder of the units in tables: that of the common region, if there is one.
+/// The folder with the units that tables show: the common region's if there is one, otherwise `folder` itself.
 pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
     match manifest.common_region {
         true => folder.common_region(),

@@ -93,7 +93,7 @@ impl RunProgress {
     }
 }
 
-/// The numbers (from 1) of those of `count` shards that have units without a result. With `retry_failed`, shards with
+/// Of `count` shards, the numbers (from 1) of those with units that have no result. With `retry_failed`, shards with
 /// failed units are included.
 ///
 /// # Errors

@@ -4,8 +4,8 @@
 //! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendering into
 //! the source's own camera reveals all of these except a scale about that camera, so the rendered
 //! depth is recorded too. For external files, other readings are tried (`add_doubts`) for three
-//! sources of each dataset, which depend only on the list of pairs; this costs as much as some
-//! small pictures.
+//! sources of each dataset, chosen by the list of pairs alone. This costs about as much as rendering
+//! a few small pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;

@@ -54,7 +54,7 @@ impl<'a> Measuring<'a> {
         self.learnt.get()
     }
 
-    /// Measures all unknown overlaps between two views of a set whose baseline qualifies. Depth is loaded in blocks,
+    /// Measures the unknown overlaps of all pairs of views in a set whose baseline qualifies. Depth is loaded in blocks,
     /// two of which fit into memory; usually one block suffices, and each view is read once.
     pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
@@ -198,7 +198,7 @@ impl<'a> Measuring<'a> {
         }
     }
 
-    /// Measures the couples of views whose depth is loaded.
+    /// Measures the pairs of views whose depth is loaded.
     fn between(
         &self,
         couples: &[(usize, usize)],

@@ -118,7 +118,7 @@ struct Stretch {
     reference: Arc<Entry>,
 }
 
-/// All series, updated entry by entry. Entries with which no later one can be compared are dropped.
+/// All series, updated entry by entry. Entries that no later one can be compared with are dropped.
 #[derive(Debug, Default)]
 pub(super) struct Trend(Vec<Growing>);
 
