@@ -142,10 +142,10 @@ impl FigureStyle {
             }
         }
         if style.columns == Some(0) {
-            return Err(wrong("columns: at least 1".to_owned()));
+            return Err(wrong("columns: expected at least 1".to_owned()));
         }
         if style.colours.is_empty() {
-            return Err(wrong("colours: at least one is needed".to_owned()));
+            return Err(wrong("colours: expected at least one".to_owned()));
         }
         Ok(style)
     }
@@ -248,7 +248,7 @@ mod tests {
             ("colours = [\"#+12345\"]", "#RRGGBB"),
             ("colours = []", "at least one"),
             ("xlim = [1, 1]", "xlim: expected [LOW, HIGH]"),
-            ("columns = 0", "columns: at least 1"),
+            ("columns = 0", "columns: expected at least 1"),
             ("[methods.a]\nmarker = \"star\"", "unknown variant `star`"),
             ("dpi = ", "line 1"),
         ] {

@@ -17,7 +17,7 @@ use sharp::unprojection::covariance;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
-/// Maximum number of Gaussians on which hypotheses are tested.
+/// Interpretations of the port's file are tested on at most this many Gaussians.
 const SAMPLE: usize = 4096;
 /// Gaussians count as matched if their median distance is below this, in pixels.
 const SAME_PLACE: f64 = 2.0;

@@ -83,7 +83,7 @@ pub(super) struct Job<'a> {
     pub(super) pairs: Vec<ResolvedPair<'a>>,
     /// Sources whose Gaussians are also rendered under other readings of their files.
     pub(super) checked: BTreeSet<String>,
-    /// For a sample of pairs: other pairs with whose targets their pictures are compared, to find misnamed files.
+    /// For each pair of a sample: the other pairs whose targets its picture is compared with, to find misnamed files.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,

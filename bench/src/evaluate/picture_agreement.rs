@@ -298,7 +298,7 @@ mod tests {
         ));
         // A whole scene.
         assert!(told(&[bgr; 4], 8)[0].ends_with(": all of m/scene0"));
-        // Single ones, too few, or changes that proper pictures resemble.
+        // Single pictures, too few pictures, and changes that unaltered pictures resemble are not reported.
         for silent in [
             told(&[bgr], 7),
             told(&[bgr; 2], 200),

@@ -26,7 +26,7 @@ use crate::scoring::Region;
 const MIN_SHARE: f64 = 0.8;
 /// Number of pairs per dataset whose pictures are compared, evenly spaced.
 const SAMPLED: usize = 8;
-/// Number of other targets with which each of these pictures is compared.
+/// Number of other targets that each of these pictures is compared with.
 const OTHERS: usize = 12;
 /// A finding is reported only if at least this many pictures of a dataset agree on it.
 const FEWEST: usize = 3;
@@ -45,7 +45,7 @@ const MIN_SOURCE_VIEW_GAIN: f64 = 3.0;
 /// the source's photograph. Predictions that move have less.
 const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
 
-/// For each pair, the other pairs with whose targets its picture is compared.
+/// For each pair, the other pairs whose targets its picture is compared with.
 pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>;
 
 /// Chooses the pairs whose pictures are compared. `pairs` must be all pairs of the plan, so that all shards choose the

@@ -43,7 +43,8 @@ const MIN_FOLLOWING: f64 = 0.4;
 const MIN_MEAN_SHARE: f64 = 0.7;
 /// Gains are a white balance if those of two channels differ by at least this factor.
 const MIN_BALANCE: f64 = 1.06;
-/// The rings that are compared (middle, halfway, corners), as ranges of the squared distance from the middle; a corner is at 1.
+/// The rings that are compared: middle, halfway and corners, as ranges of the squared distance from the middle. Corners
+/// are at 1.
 const RINGS: [(f64, f64); 3] = [(0.0, 0.12), (0.3, 0.5), (0.65, 1.0)];
 /// Corners count as dark if they are darkened by at least this, as a logarithm.
 const MIN_DARKENING: f64 = 0.16;

@@ -139,8 +139,7 @@ pub struct PicturePrediction {
     pub resized_from: Option<(u32, u32)>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// Conversions of the file that the user did not request: one sentence each, which names the
-    /// setting.
+    /// One sentence on each conversion of the file that the user did not request. It names the setting for the conversion.
     pub notes: Vec<String>,
 }
 
@@ -185,8 +184,8 @@ pub struct GaussianPrediction {
     /// Rendering rule; `None` for SHARP's under the run's settings.
     pub rule: Option<Rule>,
     pub space: GaussianSpace,
-    /// The network's first depth layer, in metres. If the method has the [`Privilege`], it is aligned
-    /// to the true depth.
+    /// The network's first depth layer, in metres. If the method has the [`Privilege`] to use true
+    /// depth, the layer is aligned to it.
     pub first_layer: Option<DepthMap>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,

@@ -1,5 +1,5 @@
-//! Figures of a report as files, and plots of the pairs' baselines: against a metric, in the form of the paper's
-//! motion-range figure, and as a histogram. One panel per dataset.
+//! Writes the figures of a report as files, and plots the pairs' baselines: as a histogram, and against a metric as in
+//! the paper's motion-range figure. One panel per dataset.
 
 use std::path::{Path, PathBuf};
 

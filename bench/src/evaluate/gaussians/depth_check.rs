@@ -80,7 +80,7 @@ pub(super) fn depth_doubt(
              mistaken for ray lengths",
         ),
     ] {
-        // The full correction must leave less spread than none, half of it, or one and a half times as much.
+        // The full correction must leave less spread than no correction, half of it, and one and a half times as much.
         let left = |share: f64| Some(middle_and_spread(1.0, share * of_ray)?.1);
         let (half, own, more) = (left(0.5)?, left(1.0)?, left(1.5)?);
         let is_ray = spread >= MIN_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);

@@ -167,7 +167,7 @@ impl PairOptions {
         overlap > self.threshold || (self.threshold_qualifies && overlap == self.threshold)
     }
 
-    /// Whether a pair qualifies whose cameras are `metres` apart.
+    /// Whether a pair whose cameras are `metres` apart qualifies.
     pub fn baseline_qualifies(&self, metres: f64) -> bool {
         metres >= self.min_baseline_m && self.max_baseline_m.is_none_or(|most| metres <= most)
     }

@@ -62,7 +62,7 @@ impl PairList {
         Self::parse(path, &bytes)
     }
 
-    /// As [`Self::read`], from bytes; `path` is only used in errors.
+    /// Like [`Self::read`], but from bytes; `path` is only used in errors.
     ///
     /// # Errors
     /// Those of [`Self::read`], except [`PairError::File`].
@@ -155,7 +155,7 @@ impl PairList {
         self.resolve_readable(scenes, &[])
     }
 
-    /// As [`Self::resolve`], but skips pairs of scenes and views that could not be read.
+    /// Like [`Self::resolve`], but skips pairs of scenes and views that could not be read.
     ///
     /// # Errors
     /// Those of [`Self::resolve`]; also for a scene that is excluded by a setting of its dataset.

@@ -112,7 +112,7 @@ pub struct WorsePair {
 pub struct GateReport {
     pub a: PathBuf,
     pub b: PathBuf,
-    /// Fired if any check fired, else inconclusive if any check is, else passed.
+    /// Fired if any check fired; otherwise inconclusive if any check is inconclusive; otherwise passed.
     pub state: CheckState,
     pub checks: Vec<Check>,
     /// Index of the check that [`Self::worst`] belongs to: the first fired check on a metric; if
