@@ -22,7 +22,7 @@ use crate::scoring::ScaleChooser;
 #[derive(Debug, Clone, Copy)]
 pub struct MethodKind {
     pub name: &'static str,
-    /// Groups of options; `label` is implied.
+    /// Names of the options, in groups that several kinds share; `label` is implied.
     pub options: &'static [&'static [&'static str]],
     /// What the method predicts.
     pub summary: &'static str,
