@@ -45,7 +45,7 @@ pub struct FieldDifference {
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PortComparison {
-    /// The order of the Gaussians in the port's file, compared with the reference's.
+    /// How the Gaussians in the port's file are ordered relative to the reference's.
     pub order: &'static str,
     /// Number of the port's Gaussians that have no counterpart of their own in the reference.
     pub extra: usize,

@@ -1,4 +1,5 @@
-//! Tries other readings of a Gaussian file on a small part of its source photograph.
+//! Tries other readings of a Gaussian file on a small part of its source photograph. A reading is an interpretation of
+//! the file's numbers and of its space, see [`FileReading`].
 
 use glam::{DAffine3, DVec3};
 use image::RgbImage;
@@ -486,9 +487,9 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
     all
 }
 
-/// Alternative interpretations of the stored numbers. Logarithms to the base of 10 are tried only if `is_wide`: if read
-/// as natural logarithms, they give Gaussians so wide that many cover each pixel. Other Gaussians would shrink to their
-/// centres, which may resemble the source.
+/// Alternative interpretations of the stored numbers. Base-10 logarithms are tried only if `is_wide`: read as natural
+/// logarithms, they give Gaussians so wide that many cover each pixel. Gaussians that are not that wide would shrink to
+/// mere centres, which may resemble the source by chance.
 fn numbers(current: &FileReading, stored: &Gaussians, is_wide: bool) -> Vec<FileReading> {
     let mut all = Vec::new();
     let mut add = |change: &dyn Fn(&mut FileReading)| {
