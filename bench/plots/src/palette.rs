@@ -79,7 +79,7 @@ impl Marker {
     }
 }
 
-/// Draws a line, dashed if the style is.
+/// Draws a line, dashed if the style is dashed.
 pub fn stroke(surface: &mut Surface, points: &[Point], width: f64, style: Style) {
     let Some((on, off)) = style.dash else {
         return surface.line(points, width, style.ink);

@@ -131,8 +131,8 @@ pub struct Panel<'a> {
     pub content: Result<DrawData<'a>, &'static str>,
 }
 
-/// Draws a figure, for print if a style is given; the style may omit the caption. Repeated labels appear in the legend
-/// once.
+/// Draws a figure. If a style is given, the figure is made for print, and the style may omit the caption. Repeated
+/// labels appear in the legend once.
 ///
 /// # Errors
 /// If the drawing library fails, or the style has no room for a panel.

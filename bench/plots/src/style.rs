@@ -66,7 +66,7 @@ pub struct FigureStyle {
     pub methods: BTreeMap<String, MethodStyle>,
 }
 
-/// Colour and marker of one method; by default those of its place in the run.
+/// Colour and marker of one method. By default, they are chosen by the method's position in the run.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MethodStyle {
@@ -107,7 +107,7 @@ impl FigureStyle {
     /// Reads a TOML file.
     ///
     /// # Errors
-    /// Names the file and the key that is unknown or out of range.
+    /// The error names the file and the key that is unknown or out of range.
     pub fn read(path: &Path) -> Result<Self, StyleError> {
         let wrong = |reason: String| StyleError {
             path: path.to_owned(),
@@ -142,10 +142,10 @@ impl FigureStyle {
             }
         }
         if style.columns == Some(0) {
-            return Err(wrong("columns: at least 1".to_owned()));
+            return Err(wrong("columns: expected at least 1".to_owned()));
         }
         if style.colours.is_empty() {
-            return Err(wrong("colours: at least one is needed".to_owned()));
+            return Err(wrong("colours: expected at least one".to_owned()));
         }
         Ok(style)
     }
@@ -173,7 +173,7 @@ impl FigureStyle {
         self.width_mm / MM_PER_INCH * 96.0 / self.medium().zoom
     }
 
-    /// Error message asking for a figure `times` times as wide.
+    /// Error message that asks for a figure `times` as wide.
     pub fn narrow(&self, times: f64) -> String {
         let Self {
             width_mm, font_pt, ..
@@ -248,7 +248,7 @@ mod tests {
             ("colours = [\"#+12345\"]", "#RRGGBB"),
             ("colours = []", "at least one"),
             ("xlim = [1, 1]", "xlim: expected [LOW, HIGH]"),
-            ("columns = 0", "columns: at least 1"),
+            ("columns = 0", "columns: expected at least 1"),
             ("[methods.a]\nmarker = \"star\"", "unknown variant `star`"),
             ("dpi = ", "line 1"),
         ] {

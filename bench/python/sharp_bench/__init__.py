@@ -67,9 +67,9 @@ def metrics(prediction, target, metrics="paper", mask=None, layout=None, weights
     """Scores of a prediction against its target: a dictionary from metric key to number.
 
     Both are arrays or tensors of one size, uint8 or floats in 0..1 (sRGB): [H, W, 3] or [3, H, W], or batches [N, H, W, 3] or
-    [N, 3, H, W], for which each score is an array [N]. If both the last axis and that of [3, H, W] have length 3, the last axis
-    is taken for the channels; ``layout="chw"`` or ``"hwc"`` sets the layout. ``metrics`` is a list of keys or groups as for
-    ``sharp-bench metrics --metrics``. ``mask`` [H, W] adds the scores inside the mask, under keys that end in ``@mask``.
+    [N, 3, H, W], for which each score is an array [N]. If both the first and the last axis of a picture have
+    length 3, the last is taken for the channels; ``layout="chw"`` or ``"hwc"`` sets the layout. ``metrics`` is a list of keys or
+    groups as for ``sharp-bench metrics --metrics``. ``mask`` [H, W] adds the scores inside the mask, under keys that end in ``@mask``.
     ``weights`` maps a network to its file. Numbers equal those of the command line to the last digit.
 
     Contiguous [H, W, 3] of uint8 or float32 is read in place from NumPy, torch on the CPU (also in ``channels_last``), and
@@ -301,9 +301,10 @@ def evaluate(
     returns Gaussians for all targets of a source. ``source`` has ``name``, ``camera``, ``image()``, and with
     ``privilege="source-depth"`` the true ``depth()``.
 
-    An exception is recorded as a failure of the pair, and the other pairs continue. A run that was stopped, also by Ctrl-C,
-    continues when it is called again. Finished pairs are reused as long as ``version`` is the same. The default is a hash of the
-    function's source text, which does not change with anything that the function calls: set a version that names your weights.
+    An exception is recorded as a failure of the pair, and the other pairs continue. A stopped run (Ctrl-C stops it, too)
+    continues when this function is called again. Finished pairs are reused as long as ``version`` is the same. By default, the
+    version is a hash of the function's source text. It does not change with what the function calls, so set a version that names
+    your weights.
 
     ``methods`` are evaluated in addition (``"copy"``, ``"depth-splat"``, …), or alone if the function is ``None``. ``config`` is
     a ``run.toml``; ``options`` are those of ``sharp-bench run`` by name (``limit=10``, ``pairs="pairs.csv"``,

@@ -17,12 +17,12 @@ use sharp::unprojection::covariance;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
-/// Maximum number of Gaussians on which hypotheses are tested.
+/// Interpretations of the port's file are tested on at most this many Gaussians.
 const SAMPLE: usize = 4096;
 /// Gaussians count as matched if their median distance is below this, in pixels.
 const SAME_PLACE: f64 = 2.0;
-/// Factor between two clearly different numbers: the median differences before and after another interpretation, or a
-/// common shift and its spread.
+/// Two numbers are clearly different if one is at least this many times the other. Compared are the median differences
+/// before and after another interpretation, and the size and spread of a common shift.
 const MUCH_LESS: f64 = 10.0;
 /// Median differences below this, per cent, need no explanation.
 const NEGLIGIBLE: f64 = 0.1;
@@ -45,9 +45,9 @@ pub struct FieldDifference {
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PortComparison {
-    /// The order of the Gaussians in the port's file, compared with the reference's.
+    /// How the Gaussians in the port's file are ordered relative to the reference's.
     pub order: &'static str,
-    /// Number of the port's Gaussians without a counterpart of their own in the reference.
+    /// Number of the port's Gaussians that have no counterpart of their own in the reference.
     pub extra: usize,
     /// Number of the reference's Gaussians without a counterpart in the port.
     pub missing: usize,

@@ -68,7 +68,7 @@ pub(super) fn execute(args: &AnalyzeArgs) -> anyhow::Result<Outcome> {
 fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
     let selection = args.metrics.selection()?;
     if let Some(key) = selection.keys().find(|key| key.is_masked()) {
-        anyhow::bail!("--metrics {key}: this experiment has no mask");
+        anyhow::bail!("--metrics {key}: this experiment has no mask; name metrics without @");
     }
     let scorer = Scorer::with_options(
         &selection,

@@ -30,7 +30,7 @@ impl DatasetArgs {
     }
 }
 
-/// Prints which scenes were left out, and the readers' assumptions.
+/// Prints which scenes were left out, and what the readers assumed.
 pub(super) fn say_what_was_opened(datasets: &[OpenDataset]) {
     for dataset in datasets {
         for group in &dataset.left_out {

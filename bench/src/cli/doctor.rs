@@ -114,7 +114,7 @@ fn adapters() -> Vec<AdapterFacts> {
     Vec::new()
 }
 
-/// Every adapter, and the one that `--backend auto` selects.
+/// One finding per adapter, which says when `render` uses it.
 fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
     const WHAT: &str = "gpu adapter";
     if adapters.is_empty() {

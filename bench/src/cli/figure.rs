@@ -105,7 +105,7 @@ enum FigureCommand {
         #[arg(long, value_name = "DIR")]
         depth: Option<PathBuf>,
     },
-    /// The picture's depth, the mirrored picture's depth mirrored back, and their difference
+    /// Depth of a picture, depth of its mirror image (mirrored back), and their difference
     Uncertainty(UncertaintyArgs),
 }
 

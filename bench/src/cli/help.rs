@@ -45,7 +45,7 @@ const RARE: [&str; 36] = [
     "weights",
 ];
 
-/// First words of those paragraphs after the options that `--help` also shows.
+/// `--help` shows those paragraphs after the options that begin with one of these words.
 const ON_A_SCREEN: [&str; 2] = ["Example", "Start with"];
 
 /// Commands on the first page; `--help-all` lists the others.

@@ -65,7 +65,7 @@ impl Outcome {
 #[error("{0}")]
 pub(super) struct UsageError(pub(super) String);
 
-/// Whether the command line must change, rather than the files: exit code 2.
+/// Whether the mistake is in the command line rather than in files, so that the exit code is 2.
 pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<UsageError>()
@@ -92,8 +92,7 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     })
 }
 
-/// Whether a signal or the time budget stopped the command, so that the same command continues:
-/// exit code 75.
+/// Whether a signal or the time budget stopped the command. The same command then continues, and the exit code is 75.
 pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
     let of_evaluation =
         |error: &EvaluateError| matches!(error, EvaluateError::Pairs(PairError::Stopped));

@@ -27,7 +27,7 @@ pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?)
 }
 
-/// Prints a command's result: indented JSON with `--json`, else its text, unless that is empty.
+/// Prints a command's result: indented JSON with `--json`, otherwise its text. Prints nothing if the text is empty.
 pub(super) fn print(result: &(impl Serialize + Display), as_json: bool) -> anyhow::Result<()> {
     if as_json {
         return json(result);
@@ -189,7 +189,7 @@ impl Terminal {
         )
     }
 
-    /// Like [`Self::until`], but also on Ctrl-C; for work that would lose much if killed.
+    /// Like [`Self::until`], but Ctrl-C also requests a stop. Meant for work that would lose much if killed.
     pub(super) fn until_interrupted(budget: Option<Duration>) -> io::Result<Self> {
         Self::obeying(
             budget,
@@ -200,7 +200,7 @@ impl Terminal {
 
     fn obeying(budget: Option<Duration>, #[cfg(unix)] signals: &[i32]) -> io::Result<Self> {
         let terminal = Self {
-            // A budget too large for the clock counts as none.
+            // Ignore a budget that is too large for the clock.
             deadline: budget.and_then(|budget| Instant::now().checked_add(budget)),
             ..Self::default()
         };

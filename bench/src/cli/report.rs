@@ -195,8 +195,8 @@ pub(super) fn tables(
     Ok(texts.join("\n"))
 }
 
-/// Exit code 4 if there are recorded failures. Exit code 75 if units are left; after the last
-/// stage, also if units still wait for an earlier stage.
+/// The exit code is 4 if there are recorded failures, and 75 if units are left. After the last stage, it is also 75 if
+/// units still wait for an earlier stage.
 pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
     if is_last_stage && counts.waiting > 0 {
         output::remark(format!(

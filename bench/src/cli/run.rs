@@ -314,7 +314,7 @@ impl Display for DryRun<'_> {
     }
 }
 
-/// The result; `None` if the renderer's device failed. The same command then resumes the run.
+/// Returns the result, or `None` if the renderer's device failed. The same command then resumes the run.
 fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<T>> {
     match result {
         Err(error @ EvaluateError::Device { .. }) => {

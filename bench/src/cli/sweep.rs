@@ -102,7 +102,7 @@ pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
     style.map_err(|error| UsageError(format!("--style: {error:#}")).into())
 }
 
-/// Rejects a style that names a method which none of the results shows.
+/// Rejects a style for a method that none of the results shows.
 pub(super) fn check_methods(style: &FigureStyle, results: &Results) -> Result<(), UsageError> {
     let methods = results.manifest.methods.iter();
     let known: Vec<&str> = methods.map(|method| method.label.as_str()).collect();
@@ -113,7 +113,7 @@ pub(super) fn check_methods(style: &FigureStyle, results: &Results) -> Result<()
     unknown.map_or(Ok(()), |name| {
         let nearest = nearest_of(name, &known);
         Err(UsageError(format!(
-            "--style: no method of the name in [methods.{name}] is shown; {nearest}"
+            "--style: [methods.{name}] is for a method that is not shown; {nearest}"
         )))
     })
 }

@@ -188,7 +188,7 @@ fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     }
 }
 
-/// Which of the requirements for your own rows this machine fulfils.
+/// Which requirements of the table's rows this machine fulfils.
 fn at_hand(table: &PublishedTable) -> String {
     let weights = Weights::at_hand();
     match table.made_by {

@@ -41,7 +41,7 @@ impl MetricConfig {
         parsed.transpose()
     }
 
-    /// The scorer for this configuration.
+    /// Creates the scorer for this configuration.
     pub fn scoring(&self) -> Result<Scoring, ConfigError> {
         self.scoring_of(&self.selection()?)
     }

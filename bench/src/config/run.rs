@@ -138,7 +138,7 @@ impl RunConfig {
     /// Builds a configuration from the keys of a file, leaving paths unchanged.
     ///
     /// # Errors
-    /// As [`read`](Self::read).
+    /// Those of [`read`](Self::read).
     pub fn from_keys(keys: Map<String, Value>) -> Result<Self, ConfigError> {
         Self::of_keys(keys).map_err(ConfigError::Usage)
     }

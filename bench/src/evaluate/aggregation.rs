@@ -47,8 +47,9 @@ impl Aggregation {
         mean(&units.map(|(_, value)| value).collect::<Vec<_>>())
     }
 
-    /// The equally weighted terms of the mean, each with one of its records: the pairs in the given order, or the means
-    /// of groups of pairs, in order of the groups' names. Independent of the order of threads.
+    /// The terms whose unweighted mean is [`Self::of`], each with a record that it was computed from: for
+    /// [`Self::Pairs`], the values in the given order; otherwise, the mean of each group, in order of the groups'
+    /// names.
     pub fn units<'a>(
         self,
         values: impl IntoIterator<Item = (&'a Record, f64)>,

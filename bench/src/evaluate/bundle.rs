@@ -28,8 +28,7 @@ use crate::pairs::PairList;
 /// Version of the layout. Older versions remain readable.
 const FORMAT: u32 = 2;
 
-/// Maximum unpacked size of a text member, bytes: a hundred times what the paper's whole evaluation
-/// needs.
+/// Maximum unpacked size of a text member, in bytes. The paper's whole evaluation needs a hundredth of it.
 const MAX_MEMBER: u64 = 1 << 28;
 
 /// Member with the times, if there are any.
@@ -65,7 +64,7 @@ pub struct Bundle {
     /// List of the planned pairs.
     pub pairs: PairList,
     pub occasion: Option<Occasion>,
-    /// Times of each method on each pair; usually none.
+    /// Times of each method on each pair; usually empty.
     pub timings: Timings,
 }
 
@@ -96,7 +95,8 @@ struct UnitLine {
     files: Option<PairFiles>,
 }
 
-/// Writes the results of a run folder, or of another bundle, to a file, with its times if wanted.
+/// Writes the results of a run folder or another bundle to the file `out`. Prediction times are included only if
+/// `with_times`.
 ///
 /// # Errors
 /// If the run cannot be read, the file cannot be written, or it exists and is not a bundle or is an entry of a history
@@ -127,8 +127,8 @@ impl Results {
     /// Reads a bundle or a folder, even that of an unfinished run.
     ///
     /// # Errors
-    /// If `run` is neither a folder nor a bundle, has another format, or its pair list or plan
-    /// lacks pairs.
+    /// If `run` is neither a run folder nor a bundle, has an unsupported format, or its pair list or plan has lost
+    /// pairs that were evaluated.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         match run.exists() && !run.is_dir() {
             true => Ok(read_file(run)?.results),

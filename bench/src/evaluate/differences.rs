@@ -31,9 +31,9 @@ pub(super) enum Effect {
 }
 use Effect::{Allowed, Refused, Replaced};
 
-/// The effect for each [`Purpose`]. The whole table consists of the constants below.
+/// The effect of a difference for each [`Purpose`]. The constants below are all the rows that are used.
 type Row = [Effect; 4];
-/// Facts that affect every value.
+/// Facts that affect every value; results that differ in one are never combined.
 const RULE: Row = [Refused, Refused, Refused, Refused];
 /// Scoring conventions. They are also part of each metric's identity, so a change within a folder replaces scores.
 const CONVENTION: Row = [Allowed, Refused, Refused, Refused];
@@ -63,7 +63,7 @@ impl ManifestDifference {
         self.row[purpose as usize]
     }
 
-    /// Describes the results that tables no longer show.
+    /// Names the difference in a message about earlier results that tables no longer show, with the old value if known.
     pub(super) fn replaced(&self) -> String {
         match &self.values {
             Some([before, _]) => format!("{} was {before}", self.what),
@@ -266,9 +266,8 @@ fn metric_facts(info: &MetricInfo) -> [(&'static str, String); 4] {
     ]
 }
 
-/// Both values of the first setting that differs between the manifests; if there is none, both
-/// specs. Settings that only one manifest has are ignored, because versions may record more or
-/// fewer.
+/// The first reader setting whose value differs between the manifests, as `key=value` in each of them. Settings that
+/// only one manifest has are ignored, because versions may record more or fewer. If no setting differs, both specs.
 fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     let mut differing = before.readings.iter().filter_map(|old| {
         let new = now.readings.iter().find(|new| new.key == old.key)?;
@@ -283,7 +282,7 @@ fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
 /// that tables no longer show because its name has a new meaning.
 ///
 /// # Errors
-/// If both results cannot share a table because the folder's renderer, kernels, protocol, … differ.
+/// If the results cannot share a table because their renderer, kernels, protocol or another such fact differs.
 pub(super) fn extended(
     before: Manifest,
     new: Manifest,

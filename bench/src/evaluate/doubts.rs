@@ -12,19 +12,19 @@ use super::record::Record;
 use crate::methods::{TrueDepth, UNUSABLE};
 use crate::pairs::pair_id::source_of;
 
-/// Ratio of rendered to true depth, or of true to rendered, beyond which the unit is probably not the metre.
+/// If rendered and true depth differ by more than this factor, the Gaussians' unit is probably not the metre.
 const UNLIKELY_SCALE: f64 = 10.0;
-/// Outliers are detected only among at least this many sources. With fewer sources, most are tried under other readings
-/// anyway.
+/// Outliers are detected only among at least this many sources. With fewer, the source check examines most of them more
+/// closely anyway.
 const FEWEST_SOURCES: usize = 4;
-/// Wrong sources have a PSNR below that of the others by at least this, dB: the gain of explaining half of a
-/// photograph's variance over explaining none of it.
+/// The PSNR of outliers is lower than that of the other sources by at least this, in dB. Their squared error is then
+/// four times as large.
 const MIN_GAP: f64 = 6.0;
 /// The gap must be at least this multiple of the distance between the worst and the median of the other sources. A
 /// larger ratio is rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
-/// Across scenes, only sources below this PSNR count as outliers, in dB. It is the PSNR of a uniform picture in the mean
-/// colour, for a photograph with a contrast of 45 levels.
+/// Across scenes, only sources below this PSNR, in dB, count as outliers. It is the PSNR of a uniform picture in the
+/// photograph's mean colour if the photograph's levels have a standard deviation of 45.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
 /// Maximum number of sources that a sentence names; it counts the rest.
 const MAX_NAMED: usize = 8;
@@ -32,7 +32,7 @@ const MAX_NAMED: usize = 8;
 /// Extras of methods that state their training views: 1 if the pair's source (first) or target (second) is one of them.
 pub(super) const TRAINED_ON: [&str; 2] = ["source_trained_on", "target_trained_on"];
 
-/// Notes on rendering rules of a method's Gaussians that neither the files nor the user stated.
+/// Notes on rendering rules that were assumed because neither the Gaussian files nor the user stated them.
 pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let notes: BTreeSet<&String> = records.filter_map(|r| r.rule_note.as_ref()).collect();
     notes.into_iter().cloned().collect()
@@ -67,9 +67,9 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
     doubts
 }
 
-/// Names sources whose rendering is much worse than the others of their scene, or both much worse than the others of
-/// their dataset and worse than a uniform picture. Other readings are tried for only three sources of a dataset; this
-/// check finds wrong files among the rest.
+/// Warns about sources whose rendering is much worse than the others of their scene. Also warns about sources that are
+/// much worse than the others of their dataset, if they are worse than a uniform picture, too. The source check tries
+/// other readings for only three sources of a dataset; this check finds wrong files among the rest.
 fn outlying_sources<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
@@ -78,7 +78,7 @@ fn outlying_sources<'a>(
     if ["sharp", "depth-splat"].contains(&kind) {
         return None;
     }
-    // Blurred sources show their photograph, however low their PSNR.
+    // A blurred rendering still shows the right photograph, however low its PSNR.
     let blurred = records
         .clone()
         .filter(|r| r.extras.contains_key(SOURCE_BLUR));
@@ -116,7 +116,8 @@ fn outlying_sources<'a>(
     ))
 }
 
-/// Splits a group into outliers (at most half of it, none above `most`) and the others; `None` if there is no gap.
+/// Splits a group into outliers (at most half of it, each with a PSNR of at most `most`) and the others. `None` if no
+/// gap separates them.
 fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str, f64)>; 2]> {
     let mut sources: Vec<(&str, f64)> = group.iter().map(|(name, v)| (*name, *v)).collect();
     sources.sort_by(|a, b| a.1.total_cmp(&b.1));

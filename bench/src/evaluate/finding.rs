@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum PictureChange {
-    /// It is the photograph.
+    /// The photograph itself was stored.
     Photograph,
     /// It resembles neither its photograph nor the source's, and no other change explains that.
     Unlike,
@@ -55,8 +55,8 @@ pub enum PictureChange {
     Interlaced,
     /// A white border on all sides.
     Framed,
-    /// White or black from the first row down, or from some row to the last: the strip's thickness, thousandths of the
-    /// height.
+    /// A strip of white or black rows at the top or the bottom, as [top, bottom] thickness in thousandths of the
+    /// height; one of the two is 0.
     Strip([i16; 2]),
     /// Several pictures side by side or one above the other.
     Panels,
@@ -337,7 +337,7 @@ impl ShownCamera {
     }
 }
 
-/// Multiples of the motion may share a cause if they differ by at most this, in percentage points.
+/// Two multiples of the motion may have the same cause if they differ by at most this, in percentage points.
 const MAX_UNEVEN: f64 = 8.0;
 /// [`MAX_UNEVEN`] as a share of the multiple; the larger of the two counts.
 const MAX_UNEVEN_SHARE: f64 = 0.12;
@@ -364,14 +364,15 @@ fn is_zero(value: &i16) -> bool {
 }
 
 impl Framing {
-    /// Framings may share a cause if their zoom, roll and shift differ by at most these; more is allowed for large
-    /// zooms.
+    /// Framings may have the same cause if their zoom, roll and shift differ by at most these values; more is allowed
+    /// for large zooms.
     const UNEVEN: [i16; 3] = [25, 700, 4];
-    /// A framing counts as wrong if its zoom, roll or shift differs from the target's by at least these.
+    /// A framing counts as wrong if its zoom, roll or shift differs from the target's by at least these values.
     const MIN_FRAMING: [i16; 3] = [15, 700, 5];
     /// A distortion counts as wrong from this one on.
     const MIN_LENS: i16 = 40;
-    /// Distortions may share a cause if they differ by at most this, or, if larger, by a quarter of the distortion.
+    /// Distortions may have the same cause if they differ by at most this, or by a quarter of the distortion if that is
+    /// larger.
     const UNEVEN_LENS: i16 = 30;
 
     fn is_distorted(self) -> bool {
@@ -403,7 +404,7 @@ impl Framing {
         self.is_zoomed() || self.is_rolled() || self.is_shifted() || self.is_distorted()
     }
 
-    /// Whether this may be a measurement of `other`, whose shift has both components.
+    /// Whether this measurement is compatible with the framing `other`, whose shift must have both components.
     pub fn is_like(self, other: Self) -> bool {
         let near = |a: i16, b: i16, most: i16| (a - b).abs() <= most;
         let [zoom, roll, shift] = Self::UNEVEN;

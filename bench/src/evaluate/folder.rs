@@ -48,7 +48,7 @@ impl RunFolder {
     /// files after a mistyped path.
     ///
     /// # Errors
-    /// Names the folder and why it cannot be used.
+    /// The error names the folder and why it cannot be used.
     pub fn create(root: &Path) -> Result<Self, FileError> {
         let (folder, is_locked) = Self::created(root, File::try_lock)?;
         if is_locked {
@@ -60,7 +60,7 @@ impl RunFolder {
     /// Like [`Self::create`], but other processes with the same plan may use the folder at the same time.
     ///
     /// # Errors
-    /// As [`Self::create`].
+    /// Those of [`Self::create`].
     pub(super) fn create_shared(root: &Path) -> Result<Self, FileError> {
         Ok(Self::created(root, File::try_lock_shared)?.0)
     }
@@ -231,7 +231,7 @@ impl RunFolder {
     /// Reads `plan.json`; an empty plan if there is none.
     ///
     /// # Errors
-    /// Names the file and the mistake.
+    /// The error names the file and the mistake.
     pub fn plan(&self) -> Result<RunPlan, FileError> {
         let path = self.root.join("plan.json");
         match read(&path) {

@@ -45,8 +45,9 @@ pub struct RunOptions {
     pub stages: Stages,
     pub keep: Keep,
     pub keep_gaussians: bool,
-    /// Memory limit, in bytes. Gaussians beyond their share of the limit are stored on disk, and a pair's predictions are
-    /// made and scored in parts of at least one picture. The memory of the networks is not included.
+    /// Memory limit, in bytes. If the Gaussians exceed their share of it, the rest is stored on disk. If the pictures
+    /// of a pair exceed theirs, they are made and scored in batches of at least one picture. The memory of the networks
+    /// is not included.
     pub memory_limit_bytes: u64,
 }
 
@@ -80,9 +81,9 @@ impl RunOptions {
 pub(super) struct Job<'a> {
     /// Pairs sorted by id.
     pub(super) pairs: Vec<ResolvedPair<'a>>,
-    /// Sources whose Gaussians are also tried under other readings.
+    /// Sources whose Gaussians are also rendered under other readings of their files.
     pub(super) checked: BTreeSet<String>,
-    /// Other pairs whose targets the pictures of a sample of pairs may show instead.
+    /// For each pair of a sample: the other pairs whose targets its picture is compared with, to find misnamed files.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,

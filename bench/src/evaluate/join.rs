@@ -64,7 +64,7 @@ pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
 /// Like [`join`], but if `aggregation` is given, averages all results by `aggregation`.
 ///
 /// # Errors
-/// As [`join`].
+/// Those of [`join`].
 pub fn join_under(
     folders: &[Named],
     aggregation: Option<Aggregation>,

@@ -161,7 +161,7 @@ pub struct DatasetRecord {
     #[serde(with = "spec_text")]
     #[schemars(with = "String")]
     pub spec: Option<DatasetConfig>,
-    /// Format as which the dataset is read.
+    /// The format that the dataset is read as.
     pub format: String,
     /// Hash of reader and settings, without the path.
     pub identity: String,

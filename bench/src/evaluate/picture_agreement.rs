@@ -1,4 +1,4 @@
-//! Sentences on changes that the pictures of a dataset have in common, or that single ones clearly have, and on
+//! Warnings about changes that a dataset's pictures share, about single pictures that are clearly altered, and about
 //! pictures stored under several names.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,26 +13,29 @@ use super::record::{PairFiles, Record, Status};
 const MIN_CHANGED: usize = 3;
 /// A change of a dataset's pictures is reported only if at least this share of them have it.
 const MIN_SHARE: f64 = 0.8;
-/// [`MIN_SHARE`] for crops, padding and the limited range of video, which other pictures rarely resemble.
+/// [`MIN_SHARE`] for crops, padding and the limited range of video, which unaltered pictures rarely resemble.
 const MIN_SHARE_DISTINCTIVE: f64 = 0.5;
-/// [`MIN_SHARE`] for stretched levels. Stretching hardly changes pictures whose photograph has black and white.
+/// [`MIN_SHARE`] for stretched levels. Stretching hardly changes pictures whose photograph contains black and white.
 const MIN_SHARE_STRETCHED: f64 = 0.25;
 /// [`MIN_SHARE`] for visible changes.
 const MIN_SHARE_VISIBLE: f64 = 0.1;
-/// Pictures with a clear change are named, even if the other pictures do not have it, if there are at least this many.
+/// Pictures with a clear change are named if at least this many have it, even if the dataset's other pictures do not.
 const MIN_NAMED: usize = 2;
 /// Pictures with a clear change are named only if they are at least this share of the dataset's pictures.
 const MIN_SHARE_NAMED: f64 = 0.02;
-/// Equal pictures are reported if they have at least this many targets. Two may have the same source and motion.
+/// Equal pictures are reported only if they belong to at least this many targets, because two targets may have the same
+/// source and motion.
 const MIN_REPEATED: usize = 3;
 /// Strips count as equal if their thickness differs by at most this, in thousandths of the height.
 const MAX_UNEVEN: f64 = 8.0;
 /// [`MAX_UNEVEN`] as a share of the thickness; the larger of the two counts.
 const MAX_UNEVEN_SHARE: f64 = 0.1;
-/// Levels were stretched one by one only if their gains differ by at least this, in percent. Equal gains are an exposure.
+/// Pictures count as stretched one by one only if their gains differ by at least this, in percent. Equal gains mean
+/// another exposure.
 const MIN_SPREAD: i16 = 5;
 
-/// Sentences for each dataset: see [`agreed_changes`]. In `reframed` datasets, crops are explained by the camera.
+/// The sentences of [`agreed_changes`] for each dataset. Crops and padding are not reported for `reframed` datasets,
+/// where a wrong camera explains them.
 pub(super) fn changed_pictures<'a>(
     records: impl Iterator<Item = &'a Record>,
     reframed: &BTreeSet<&str>,
@@ -50,8 +53,8 @@ pub(super) fn changed_pictures<'a>(
 }
 
 /// A sentence on each change that enough of the named `pictures` share; clear and visible changes need a smaller share.
-/// `photographs` follows "the photographs" in the sentence and names those that the pictures were compared with, as in "of
-/// DATASET".
+/// `photographs` completes "the photographs …" in the sentence, as in "of DATASET"; it names those that the pictures were
+/// compared with.
 pub(crate) fn agreed_changes(
     pictures: &[(&str, Option<PictureChange>)],
     photographs: &str,
@@ -90,7 +93,7 @@ pub(crate) fn agreed_changes(
     kinds.into_iter().filter_map(sentence).collect()
 }
 
-/// Number of the `changes`, all of one kind, that agree in their measured numbers.
+/// Number of the `changes`, all of one kind, whose measured numbers agree.
 fn agreeing(changes: &[PictureChange]) -> usize {
     let strips: Vec<[i16; 2]> = changes
         .iter()
@@ -188,7 +191,7 @@ fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> Str
     listed(names.iter().map(String::as_str).collect())
 }
 
-/// A sentence for each dataset in which several targets have the same file. Copies of the source are reported
+/// A sentence for each dataset in which several targets have the same predicted file. Copies of the source are reported
 /// elsewhere.
 pub(super) fn repeated_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let mut by_dataset: BTreeMap<&str, Vec<(&str, [&str; 2])>> = BTreeMap::new();
@@ -213,8 +216,8 @@ pub(super) fn repeated_pictures<'a>(records: impl Iterator<Item = &'a Record>) -
     told.filter_map(|(_, files)| repeated(&files)).collect()
 }
 
-/// A sentence if some of the `pictures` are equal although their targets are not. Each picture has a name, its contents
-/// and those of its target.
+/// A sentence if some of the `pictures` are equal although their targets are not. Each picture is given as its name and
+/// two contents: its own and its target's.
 pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
     let mut targets: BTreeMap<&T, BTreeSet<&T>> = BTreeMap::new();
     for (_, [picture, target]) in pictures {
@@ -295,7 +298,7 @@ mod tests {
         ));
         // A whole scene.
         assert!(told(&[bgr; 4], 8)[0].ends_with(": all of m/scene0"));
-        // Single ones, too few, or changes that proper pictures resemble.
+        // Single pictures, too few pictures, and changes that unaltered pictures resemble are not reported.
         for silent in [
             told(&[bgr], 7),
             told(&[bgr; 2], 200),

@@ -1,8 +1,8 @@
 //! Detects pictures that are stored differently from how they are read, such as mirrored ones, by comparing them with
 //! the target's photograph.
 //!
-//! Poor predictions must not raise false alarms, so a change has to bring a picture significantly closer to its
-//! photograph, and for nearly all pictures of a dataset. Shifts are not tried here, because parallax that a method
+//! Poor predictions must not raise false alarms, so a change is reported only if undoing it brings nearly all pictures
+//! of a dataset significantly closer to their photographs. Shifts are not tried here, because parallax that a method
 //! ignores moves all pictures of a stereo dataset alike. Scores do not depend on this check.
 
 use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotate270, thumbnail};
@@ -26,25 +26,26 @@ const WIDTH: u32 = 160;
 const MIN_GAIN: f64 = 1.0;
 /// [`MIN_GAIN`] for exchanged channels, which hardly change brightness, in dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
-/// [`MIN_GAIN`] for another transfer function, dB: linear light stored as sRGB loses far more, other exposures less.
+/// [`MIN_GAIN`] for another transfer function, in dB. Linear light stored as sRGB loses far more; a wrong exposure
+/// loses less.
 const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
-/// From this gain of sorted levels on, another transfer function need not fit them better than any exposure, dB: poor
-/// predictions do not have their photographs' levels.
+/// If undoing a transfer function brings the sorted levels closer by at least this, in dB, it need not also fit them
+/// better than every change of brightness and contrast. Poor predictions do not have their photographs' levels.
 const MIN_GAIN_BY_RANK: f64 = 8.0;
 /// [`MIN_GAIN`] for another range of levels, which other exposures resemble, in dB.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
-/// Other colour spaces are tried only below this PSNR, dB: pictures stored in one have 8 to 13. Skipping the rest saves
-/// time.
+/// Other colour spaces are tried only if the PSNR is below this, in dB, to save time. Pictures stored in another space
+/// have 8 to 13 dB.
 const MAX_OF_SPACES: f64 = 20.0;
-/// Share of the levels ignored at each end, because ringing of JPEG and of resampling exceeds it.
+/// Share of the levels ignored at each end of the range, because JPEG and resampling cause ringing there.
 const BEYOND_ENDS: f64 = 0.002;
-/// Below this correlation with the photograph, red and blue are exchanged (for their difference) or the picture is a
-/// negative. Poor predictions have 0.4 to 0.8; a tint does not matter.
+/// A picture is a negative if its correlation with the photograph is below this; red and blue are exchanged if the
+/// correlation of their difference is. Poor predictions have 0.4 to 0.8, and a tint does not matter.
 const MAX_OPPOSED_CORRELATION: f64 = -0.4;
 /// After undoing a change, a picture must explain at least this share of the photograph's variance; poor predictions
 /// reach a quarter.
 const MIN_EXPLAINED: f64 = 0.2;
-/// A picture whose correlation with the photograph is lower has little in common with the photograph.
+/// A picture whose correlation with the photograph is below this has little in common with it.
 pub(super) const UNLIKE: f64 = 0.15;
 
 /// Orders of stored channels: for each, which stored channel is red, which green, and which blue.
@@ -136,16 +137,16 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     found.or_else(normalised)
 }
 
-/// Whether the photograph, normalised by ImageNet's mean and standard deviation (CLIP's are too similar to tell apart),
-/// is significantly closer to the picture than the photograph at any brightness and contrast.
+/// Whether normalising the photograph by ImageNet's mean and standard deviation brings it significantly closer to the
+/// picture than any change of brightness and contrast. (CLIP's values are too similar to tell apart.)
 fn is_normalised(seen: &RgbImage, shown: &RgbImage) -> bool {
     let fit = |seen: &RgbImage| Likeness::of(shown, Region::whole(shown.dimensions()), seen);
     let (as_read, normalised) = (fit(seen), fit(&mapped(seen, normalised)));
     normalised.is_nearer_than(&as_read) && normalised.is_nearer_than_exposed(&as_read)
 }
 
-/// The change that brings a reduced picture nearest to its photograph when it is undone, if significantly. `ends` are
-/// those of the picture at its full size.
+/// The change whose undoing brings a shrunk picture closest to its photograph; `None` if none brings it significantly
+/// closer. `ends` are the [`ends()`] of the picture at full size.
 fn undone_change(
     seen: &RgbImage,
     shown: &RgbImage,
@@ -168,7 +169,7 @@ fn undone_change(
     let encoded = |transfer: fn(f32) -> f32| {
         let level = |v: u8| quantize(transfer(f32::from(v) / 255.0), Quantization::Round);
         let changed = mapped(shown, |color| color.map(level));
-        // Levels sorted by rank are independent of position: another exposure would fit them by brightness and
+        // Levels sorted by rank do not depend on position. A mere change of exposure would be fitted by brightness and
         // contrast.
         let by_rank = |of: &RgbImage| Likeness::of(&ranked(seen), whole, &ranked(of));
         let fit = nearer(&changed, MIN_GAIN_OF_TRANSFER);

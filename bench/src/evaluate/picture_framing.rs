@@ -13,7 +13,8 @@ use super::picture_motion::{HALF, MIN_CONTRAST, correlation, patch};
 
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [12, 8];
-/// Minimum distance of their centres from the edges, pixels: blocks are as large in pictures of half size.
+/// Minimum distance of block centres from the edges, in pixels. It is doubled because blocks keep their size when
+/// pictures are halved.
 const INSET: f64 = 2.0 * HALF as f64 + 1.0;
 /// Radius of the first search for a block, around its own place in the picture of half size, as a share of the width.
 const REACH: f64 = 0.15;
@@ -35,18 +36,18 @@ const PRIOR: f64 = 0.05;
 const MAX_OFF_FIT: f64 = 1.0;
 /// At least this share of the blocks must agree with a fit.
 const MIN_AGREEING: f64 = 0.6;
-/// A fit must lower the mean distance from the lines by at least the first number, pixels, and at least to the share
-/// that is the second.
+/// A fit must lower the mean distance from the epipolar lines by at least the first number, in pixels, and to at most
+/// the second number as a fraction of the distance before.
 const GAIN: (f64, f64) = (0.3, 0.5);
 /// [`GAIN`] for a distortion, which hardly moves the middle.
 const GAIN_OF_LENS: (f64, f64) = (0.1, 0.6);
-/// From this zoom on, as a share, blocks are searched again after undoing it.
+/// Zooms that differ from 1 by at least this are undone, and the blocks searched again.
 const MIN_RESAMPLED_ZOOM: f64 = 0.01;
-/// Maximum number of such searches.
+/// Maximum number of these repeated searches.
 const MAX_RESAMPLINGS: usize = 4;
 /// Zooms that are undone if too few blocks are found.
 const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
-/// Larger distances count as this one, in pixels.
+/// Distances from the epipolar lines are limited to this, in pixels, so that outliers do not dominate.
 const MAX_DISTANCE: f64 = 3.0;
 
 /// Measures how a picture frames its target; `None` if the framing is correct or cannot be measured. Picture and
@@ -88,7 +89,7 @@ pub(super) fn shown_framing(
             best = found.into_iter().max_by_key(|found| found.lines.len())?;
         }
     }
-    // Blocks of another size are found badly, so they are searched again at the size that was measured.
+    // Blocks of another size are hard to find, so the picture is resampled by the measured zoom and searched again.
     for _ in 0..MAX_RESAMPLINGS {
         let zoom = best.zoom * (1.0 + best.fit?.x / view.half);
         if (zoom / best.zoom - 1.0).abs() < MIN_RESAMPLED_ZOOM {
@@ -118,8 +119,8 @@ struct FramedTarget<'a> {
     target: &'a RgbImage,
 }
 
-/// A block's row of the linear system, whose unknowns are zoom, roll and shift (see [`fitted`]), and its displacement
-/// across its epipolar line, in pixels.
+/// One block's equation: the coefficients of the unknowns zoom, roll and shift (see [`fitted`]), and the block's
+/// displacement across its epipolar line, in pixels.
 type Line = (DVec4, f64);
 
 /// A measurement of a picture after undoing a zoom.
@@ -204,8 +205,8 @@ impl FramedTarget<'_> {
     fn lens(&self, measured: &Measured, framing: Option<DVec4>) -> Option<f64> {
         measured.fit?;
         let lines = &measured.lines;
-        // The displacement by a zoom, which is the row's first part, times the squared distance from the middle. The block's
-        // place follows from the row's direction and its first two parts.
+        // A lens displaces a block as a zoom does (the row's first component), times the squared distance from the
+        // middle. The block's place follows from the row's direction and its first two components.
         let by_lens = |row: &DVec4, k1: f64| {
             let at = DMat2::from_cols(DVec2::new(row.z, row.w), DVec2::new(-row.w, row.z))
                 * DVec2::new(row.x, -row.y)
@@ -259,7 +260,7 @@ impl FramedTarget<'_> {
     }
 }
 
-/// Mean distance from the lines after subtracting a displacement, in pixels.
+/// Mean distance from the epipolar lines after subtracting a displacement, in pixels.
 fn off(lines: &[Line], moved: impl Fn(&DVec4) -> f64) -> f64 {
     let all = lines
         .iter()
@@ -298,8 +299,8 @@ fn locate([of, shown]: [&RgbImage; 2], centre: DVec2, start: DVec2, reach: i32) 
     is_found.then_some(best.0 + DVec2::from(between))
 }
 
-/// Fits zoom, roll and shift to distances from the lines by least absolute deviation. Zoom and roll are given as
-/// displacements at half a width from the principal point; all are in pixels.
+/// Fits zoom, roll and shift to distances from the epipolar lines by least absolute deviation. Zoom and roll are given
+/// as displacements at half a width from the principal point; all are in pixels.
 fn fitted(lines: &[(DVec4, f64)]) -> Option<DVec4> {
     let mut fit = DVec4::ZERO;
     for _ in 0..STEPS {

@@ -1,6 +1,6 @@
 //! Detects pictures with bars, margins, missing rows or interlaced rows, at full resolution.
 //!
-//! Holes of a rendering are not detected: their edges follow the scene, or they are on one side or on all sides.
+//! Holes of a rendering are not reported, because their edges follow the scene, or they are on one side or on all sides.
 
 use image::RgbImage;
 
@@ -10,19 +10,19 @@ use super::finding::PictureChange;
 const MAX_WITHIN_COLOUR: u8 = 8;
 /// Levels from this one on count as white.
 const MIN_WHITE: u8 = 247;
-/// Bars and margins cover at least this fraction of the lines (one in so many).
+/// Bars and margins cover at least one in this many lines.
 const BAR: u32 = 50;
-/// Unfinished pictures lack at least this fraction of the rows (one in so many).
+/// Unfinished pictures are missing at least one in this many rows.
 const MISSING: u32 = 5;
 /// Two bars count as equally thick if their thickness differs by at most this, in pixels.
 const MAX_UNEVEN: u32 = 2;
 /// Neighbouring rows of interlaced pictures differ more than rows two apart, by this factor.
 const MIN_STEPS: f64 = 1.2;
-/// In other pictures, and among columns, they differ at most by this factor.
+/// In pictures that are not interlaced, and between columns, the factor is at most this.
 const MAX_STEPS: f64 = 1.05;
-/// Share of the lines that are equal to the line before in pictures enlarged by 1.3 to 16 times.
+/// Share of the lines that are equal to the previous line in pictures enlarged by 1.3 to 16 times.
 const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;
-/// In such pictures, at most this many lines in succession are equal to the line before.
+/// In enlarged pictures, at most this many successive lines are equal to the previous line.
 const MAX_REPEATED: usize = 15;
 /// Maximum size of the central part in which steps are measured, in pixels.
 const STEPS_WITHIN: u32 = 256;
@@ -62,8 +62,8 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     is_change.then_some(PictureChange::Blocks)
 }
 
-/// The share of the rows (or columns) of `picture` that are equal to the one before. 1 if more than `MAX_REPEATED` in
-/// succession are, as in bars.
+/// The share of the rows (or columns) of `picture` that are equal to the previous one. 1 if more than `MAX_REPEATED`
+/// successive ones are, as in bars.
 fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     let (width, height) = picture.dimensions();
     let all = if is_row { height } else { width };
@@ -78,8 +78,8 @@ fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     equal.iter().filter(|is| **is).count() as f64 / equal.len().max(1) as f64
 }
 
-/// The thickness of a strip along the first or last row, thousandths of the height. Columns are no evidence, because a
-/// uniform shift leaves the same hole.
+/// The thickness of a strip along the first or last row, in thousandths of the height. Strips along columns are not
+/// evidence, because a uniform shift leaves the same hole.
 fn strip(rows: &Sides, columns: &Sides) -> Option<[i16; 2]> {
     let side = match (rows.thickness, columns.thickness) {
         ([_, 0], [0, 0]) => 0,
@@ -93,16 +93,16 @@ fn strip(rows: &Sides, columns: &Sides) -> Option<[i16; 2]> {
         .then(|| rows.thickness.map(|lines| (1000 * lines / rows.all) as i16))
 }
 
-/// The lines of one colour at two opposite sides of a picture.
+/// Lines of one colour along two opposite sides of a picture.
 struct Sides {
     /// Number of lines in the picture.
     all: u32,
-    /// Number of lines of one colour at the first and at the last side.
+    /// Number of lines of one colour along the first and the last side.
     thickness: [u32; 2],
     colours: [[u8; 3]; 2],
-    /// Whether the photograph varies along most of those lines.
+    /// Whether the photograph varies along most of these lines.
     vary: [bool; 2],
-    /// Whether the next line has hardly any pixels of that colour.
+    /// Whether the line after them has hardly any pixels of their colour.
     is_sharp: [bool; 2],
 }
 

@@ -1,5 +1,5 @@
-//! Detects pictures whose levels were converted wrongly, by what the conversion leaves: the ends of the range, colours
-//! that only an overflow makes, or the levels of a normalised photograph.
+//! Detects pictures whose levels were converted wrongly, from the traces that the conversion leaves: a limited range,
+//! colours that only an overflow produces, or the levels of a normalised photograph.
 
 use image::imageops::thumbnail;
 use image::{Rgb, RgbImage};
@@ -7,9 +7,9 @@ use sharp::color::{Quantization, quantize, srgb_from_linear};
 
 /// Ends of the limited range of video, each with how far the measured end may be off, in levels.
 const LIMITED: [(f64, f64); 2] = [(16.0, 2.5), (235.0, 3.0)];
-/// Widths at which the ends are measured, pixels: blur lowers the contrast at the larger one more.
+/// Widths at which the ends are measured, in pixels. Blur lowers the contrast more at the larger width.
 const WIDTHS: [u32; 2] = [32, 80];
-/// Levels that a picture in the limited range may reach, because JPEG overshoots it.
+/// Lowest and highest level of a picture in the limited range, with some tolerance because JPEG overshoots.
 const WITHIN: [u8; 2] = [12, 239];
 /// Levels wrapped around only if at least this share of the pixels have a wrapped channel.
 const MIN_WRAPPED: f64 = 5e-4;
@@ -17,7 +17,7 @@ const MIN_WRAPPED: f64 = 5e-4;
 const MAX_MID_TONE_DIFFERENCE: u8 = 30;
 /// Maximum number of pixels compared.
 const SAMPLES: u32 = 32_768;
-/// In a stretched picture, the share of the levels at each end exceeds that of the photograph by at most this.
+/// In a stretched picture, the share of the levels at each end of the range exceeds the photograph's by at most this.
 const MAX_SHARE_AT_ENDS: f64 = 2e-4;
 /// A picture was stretched only if its contrast grew by at least this factor.
 const MIN_STRETCH: f64 = 1.04;
@@ -25,24 +25,25 @@ const MIN_STRETCH: f64 = 1.04;
 const MAX_OFF_ENDS: f64 = 30.0;
 /// A photograph is coloured if the mean difference of its channels is at least this, in levels.
 const MIN_COLOUR: usize = 8;
-/// The correlation of neighbouring pixels is below the first in noise, and above the second in photographs.
+/// The correlation of neighbouring pixels is below the first value in noise, and above the second in photographs.
 const NOISE: [f64; 2] = [0.1, 0.5];
 /// ImageNet's mean and standard deviation of red, green and blue, 0..1.
 const IMAGENET: [(f64, f64); 3] = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)];
 /// CLIP's mean and standard deviation of red, green and blue, 0..1.
 const CLIP: [(f64, f64); 3] = [(0.4815, 0.2686), (0.4578, 0.2613), (0.4082, 0.2758)];
-/// Levels of the photograph at which the channels' lines (level of the picture by level of the photograph) are
-/// compared.
+/// A line maps each channel's levels in the photograph to its levels in the picture. Lines are compared at these levels
+/// of the photograph.
 const COMPARED: [f64; 2] = [60.0, 190.0];
-/// Channels have the lines of a normalisation if their root mean square difference from these is at most this, in levels.
+/// The channels match a normalisation if their lines differ from its lines by at most this, as root mean square levels.
 const MAX_OFF_LINES: f64 = 3.0;
-/// Channels have different lines if their root mean square difference from equal lines is at least this, in levels.
+/// The channels have different lines if these differ from equal lines by at least this, as root mean square levels.
 const MIN_OFF_EQUAL_LINES: f64 = 5.0;
 /// A line describes a channel only if its correlation with the photograph's channel is at least this.
 const MIN_CORRELATION: f64 = 0.8;
 
-/// Whether black and white of a photograph became 16 and 235: matching mean and standard deviation puts them there at
-/// two resolutions, and the picture's `ends` are within. Other losses of contrast keep another level.
+/// Whether black and white of a photograph became 16 and 235. Matching the mean and standard deviation must put them
+/// there at two resolutions, and the picture's `ends` must lie in that range. Other losses of contrast put them at
+/// other levels.
 pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bool {
     let is_near = |width: u32| {
         let [seen, shown] = [seen, shown].map(|p| moments(narrowed(p, width).iter()));
@@ -106,8 +107,8 @@ pub(super) fn is_wrapped(photograph: &RgbImage, picture: &RgbImage) -> bool {
         && 2 * near >= off.iter().sum()
 }
 
-/// The gain in contrast, percent, of a picture whose darkest and brightest level became 0 and 255; `None` if other
-/// levels are at those ends, or the photograph has them as well.
+/// The gain in contrast, in percent, of a picture whose darkest and brightest levels were stretched to 0 and 255.
+/// `None` if stretching does not explain its levels at 0 and 255, or the photograph has these levels as well.
 pub(super) fn stretching(
     photograph: &RgbImage,
     seen: &RgbImage,
@@ -219,7 +220,8 @@ pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> 
         least = least.min(a.zip(b).map(product).sum::<f64>() / covariance.max(1.0));
         COMPARED.map(|level| shown.0 + (level - seen.0) * shown.1 / seen.1.max(1.0))
     });
-    // Root mean square residual of the lines, fitted by those of a normalisation followed by one line for all channels.
+    // Root mean square residual of the lines after fitting those of a normalisation followed by one line for all
+    // channels.
     let off = |statistics: [(f64, f64); 3]| {
         let expected =
             statistics.map(|(mean, by)| COMPARED.map(|level| (level / 255.0 - mean) / by));

@@ -22,8 +22,8 @@ const GRID: [u32; 2] = [14, 10];
 pub(super) const MIN_CONTRAST: f64 = 6.0;
 /// Share of the width to which the search extends along an epipolar line.
 const REACH: f64 = 0.4;
-/// A block is found in the target's photograph where its correlation is at least the first number, and elsewhere on the
-/// line lower by at least the second.
+/// A block counts as found in the target's photograph if its highest correlation along the epipolar line is at least
+/// the first number, and exceeds the correlation elsewhere on the line by at least the second.
 const IN_TARGET: (f64, f64) = (0.8, 0.1);
 /// [`IN_TARGET`] for the picture.
 const IN_PICTURE: (f64, f64) = (0.7, 0.05);
@@ -43,14 +43,14 @@ const MIN_CONTRADICTING: f64 = 0.5;
 const MIN_POSE_SHARE: f64 = 0.5;
 /// Number of misread poses that are tried, including the source's own.
 const CANDIDATES: usize = 10;
-/// An ignored rotation or a reversed axis is reported only if a multiple of the motion and the source's view explain at
-/// most this many times as many blocks.
+/// A missing rotation or a reversed axis is reported only if neither a multiple of the motion nor the source's view
+/// explains more than this fraction of the blocks that it explains.
 const MAX_SIMPLER_SHARE: f64 = 0.75;
 /// Pictures with less than this percentage of the true motion are nearly still.
 const STILL_PERCENT: i16 = 20;
 /// [`MIN_AGREEING`] for nearly still pictures: blends of the source with a prediction partly show the source.
 const MIN_AGREEING_STILL: f64 = 0.8;
-/// From this rotation on, the inverse pose is distinguished from a negated translation, in degrees.
+/// The inverse pose is distinguished from a negated translation only if the rotation is at least this, in degrees.
 const MIN_TURN: f64 = 0.5;
 /// A translation is along one axis if that component is at least this share of its length.
 const MIN_ALONG_AXIS: f64 = 0.97;
@@ -59,7 +59,7 @@ const MAX_OFF: f64 = 1.0;
 /// [`MAX_OFF`] as a share of the motion; the larger of the two counts.
 const MAX_OFF_SHARE: f64 = 0.1;
 
-/// Highest level of black and lowest level of white.
+/// Highest level that counts as black, and lowest that counts as white.
 const MASKED: [u8; 2] = [3, 252];
 
 /// A camera and its pose relative to the source's.
@@ -79,7 +79,7 @@ impl Camera {
 pub(super) struct MeasuredMotion {
     /// A multiple of the true motion ([`ShownCamera::Moved`]) or a misread pose; `None` if it cannot be measured.
     pub(super) camera: Option<ShownCamera>,
-    /// Share of the blocks, all of which source and target show, at whose place the picture is black or white, percent;
+    /// Percentage of the blocks, among those that both source and target show, where the picture is black or white;
     /// `None` if there are too few blocks.
     pub(super) masked: Option<u8>,
 }
@@ -121,12 +121,12 @@ pub(super) fn shown_camera(
         (ShownCamera::OtherAxes, to, flipped),
         (ShownCamera::TransposedRotation, to, transposed),
         unturned(translation),
-        // The target's position is right.
+        // Like the line above, but for a camera moved to the target's actual position.
         unturned(rotation.transpose() * translation),
         mirrored(0),
         mirrored(1),
         mirrored(2),
-        // Not a misread pose, but similar to some: the source's view.
+        // The source's view is not a misread pose, but similar to some, so it is tried as well.
         (ShownCamera::Moved(0), from, RigidTransform::IDENTITY),
     ];
     let search = Search {
@@ -175,8 +175,8 @@ pub(super) fn shown_camera(
             ShownCamera::Moved(_) => false,
             // Without a rotation, inverting the pose only negates the translation.
             ShownCamera::InversePose => is_turned,
-            // Similar to the source's view and to multiples of the motion, which have to explain fewer blocks.
-            // With one component only, reversing it negates the translation.
+            // These are similar to the source's view and to multiples of the motion, which have to explain fewer
+            // blocks. If the translation is along one axis, reversing that axis negates all of it.
             ShownCamera::Reversed(axis)
                 if translation[usize::from(*axis)].abs()
                     >= MIN_ALONG_AXIS * translation.length() =>
@@ -199,8 +199,7 @@ pub(super) fn shown_camera(
     }
 }
 
-/// A block of the source's photograph with a distinct place in the target's. Places are in steps along its epipolar
-/// line.
+/// A block of the source's photograph that was found in the target's. Places are in steps along its epipolar line.
 struct Block {
     /// Its place in the target's photograph.
     own: f64,

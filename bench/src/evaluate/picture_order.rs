@@ -1,9 +1,9 @@
 //! Detects pictures stored under the names of other pairs, by comparing some of them with those pairs' targets, and
 //! pictures that are the source's photograph.
 //!
-//! Poor predictions must not raise false alarms, nor pictures with too little motion: a picture has to show another
-//! target significantly better than its own, and better than the source's photograph does, for most of the compared
-//! pictures. Scores do not depend on this check.
+//! To avoid false alarms on poor predictions and on pictures with too little motion, most of the compared pictures must
+//! show another target significantly better than their own, and better than the source's photograph shows it. Scores do
+//! not depend on this check.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -26,26 +26,26 @@ use crate::scoring::Region;
 const MIN_SHARE: f64 = 0.8;
 /// Number of pairs per dataset whose pictures are compared, evenly spaced.
 const SAMPLED: usize = 8;
-/// Number of other targets with which each of these pictures is compared.
+/// Number of other targets that each of these pictures is compared with.
 const OTHERS: usize = 12;
 /// A finding is reported only if at least this many pictures of a dataset agree on it.
 const FEWEST: usize = 3;
 /// A picture shows another target only if it is closer to it than to its own by at least this, in dB.
 const MIN_GAIN: f64 = 2.0;
-/// A picture is a copy of the source's photograph, perhaps stored as JPEG, if its PSNR against that is at least this,
-/// dB, and [`MIN_COPY_GAIN`] holds, too.
+/// A picture is a copy of the source's photograph, perhaps stored as JPEG, if its PSNR against that photograph is at
+/// least this, in dB, and [`MIN_COPY_GAIN`] is reached, too.
 const MIN_COPY_PSNR: f64 = 40.0;
 /// A copy is closer to the source's photograph than to the target's by at least this, in dB.
 const MIN_COPY_GAIN: f64 = 10.0;
 
 /// A prediction shows the source's view if it is closer to the source's photograph than to the target's by at least
-/// this, dB, and [`MIN_SOURCE_VIEW_ERROR`] holds, too.
+/// this, in dB, and [`MIN_SOURCE_VIEW_ERROR`] is reached, too.
 const MIN_SOURCE_VIEW_GAIN: f64 = 3.0;
-/// Such a prediction has at least this squared error against the target, relative to that of the source's photograph. A
-/// prediction that moves has less.
+/// A prediction that shows the source's view has at least this squared error against the target, relative to that of
+/// the source's photograph. Predictions that move have less.
 const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
 
-/// For each pair, the other pairs with whose targets its picture is compared.
+/// For each pair, the other pairs whose targets its picture is compared with.
 pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>;
 
 /// Chooses the pairs whose pictures are compared. `pairs` must be all pairs of the plan, so that all shards choose the
@@ -85,7 +85,8 @@ pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
     compared
 }
 
-/// At most `most` of `count` indices, about evenly spaced. With equal distances, all could be of the same target.
+/// At most `most` of `count` indices, about evenly spaced. The distances vary, because with equal ones all pictures
+/// could have the same target.
 fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
     let n = count.min(most);
     (0..n).map(move |k| k * count / n + k % (count / n).max(1))
@@ -144,7 +145,7 @@ pub(super) fn note_order(
         [&source, &seen, &shown],
     );
     record.masked = masked;
-    // A zoom resembles a reversed motion along the axis.
+    // A zoom resembles a reversed motion along the optical axis.
     let is_certain =
         |camera: &ShownCamera| camera.is_wrong() && *camera != ShownCamera::Reversed(2);
     let camera = moved.filter(is_certain).or_else(|| {
@@ -189,7 +190,7 @@ pub(crate) fn shown_target(
     if source.is_some_and(|source| is_copy(fit(source, shown))) {
         return Some(ShownTarget::Source);
     }
-    // A prediction that moves is closer to the target than the source is.
+    // A prediction that moves is closer to the target than the source's photograph is.
     if let Some(source) = source
         && let (shows, copied) = (fit(source, shown), fit(seen, source))
         && shows.is_better_than(&own)
@@ -239,7 +240,8 @@ struct OfDataset {
 }
 
 impl OfDataset {
-    /// The wrong camera on which nearly all measured pictures agree, how many of them do, and the number of these.
+    /// The wrong camera on which nearly all measured pictures agree, with the number that agree and the number
+    /// measured.
     fn wrong_camera(&self) -> Option<(ShownCamera, usize, usize)> {
         let mut cameras = self.cameras.clone();
         if self.resized as f64 >= MIN_SHARE * self.all as f64 {
@@ -273,8 +275,8 @@ pub(super) fn is_resized(change: Option<PictureChange>) -> bool {
     matches!(change, Some(PictureChange::Cropped | PictureChange::Padded))
 }
 
-/// The datasets whose pictures agree on another focal length, lens or placement of the camera, which explains why some
-/// seem to be resized.
+/// The datasets whose pictures agree on another focal length, lens or placement of the camera. This explains why some
+/// of the pictures seem to be resized.
 pub(super) fn reframed_datasets<'a>(
     records: impl Iterator<Item = &'a Record>,
 ) -> BTreeSet<&'a str> {
@@ -291,7 +293,7 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
     let told = by_dataset(records).into_iter();
     told.filter_map(|(dataset, mut found)| {
         let pairs = format!("pairs of {dataset}");
-        // If a quarter moved clearly, those that are like the source only have poor depth.
+        // If a quarter of the pictures clearly moved, those that resemble the source merely have poor depth.
         let moving = found
             .cameras
             .iter()
@@ -351,7 +353,7 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     })
 }
 
-/// The wrong camera on which nearly all of the `cameras` agree, how many of them do, and their number.
+/// The wrong camera on which nearly all of the `cameras` agree, with the number that agree and the number of all.
 fn wrong_camera(cameras: Vec<ShownCamera>) -> Option<(ShownCamera, usize, usize)> {
     let all = cameras.len();
     let mut wrong: Vec<ShownCamera> = cameras.into_iter().filter(|c| c.is_wrong()).collect();
@@ -455,7 +457,8 @@ mod tests {
         );
     }
 
-    /// The warning about 8 pictures of as many sources, `found` of which show a camera; the others show their own.
+    /// The warning about 8 pictures, each of another source. `found` lists wrong cameras and how many pictures show them;
+    /// the other pictures show their own.
     fn told_of(found: &[(ShownCamera, usize)]) -> Option<String> {
         let found = found
             .iter()

@@ -13,15 +13,15 @@ use crate::scoring::Region;
 
 /// Width at which the place is searched, in pixels.
 const SEARCH_WIDTH: u32 = 48;
-/// Sizes of the photograph from which the search starts.
+/// Sizes of the photograph, relative to the picture, from which the search starts.
 const STARTS: [f64; 9] = [0.5, 0.5625, 0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.78];
-/// Steps of the search, in sizes of the picture.
+/// Steps of the search, as fractions of the picture's size.
 const STEPS: [f64; 6] = [0.04, 0.02, 0.01, 0.005, 0.0025, 0.001];
 /// A place is tried only if the photograph covers at least this share of the picture there.
 const MIN_COVERED: f64 = 0.5;
-/// A picture counts as resized if its width or height changed by at least this, in sizes of the picture.
+/// A picture counts as resized if its width or height changed by at least this fraction.
 const MIN_RESIZED: f64 = 0.018;
-/// An edge counts as unmoved if it is off by less than this, in sizes of the picture.
+/// An edge counts as unmoved if it is off by less than this fraction of the picture's size.
 const MAX_UNMOVED: f64 = 0.009;
 /// Another place must bring the picture closer to the photograph by at least this, in dB.
 const MIN_PLACE_GAIN_DB: f64 = 1.5;
@@ -40,7 +40,7 @@ pub(super) fn placement_change(seen: &RgbImage, shown: &RgbImage) -> Option<Pict
     place.change().filter(|_| place.is_significant(seen, shown))
 }
 
-/// Whether a half or a third of the picture is the whole photograph.
+/// Whether a half or a third of the picture shows the whole photograph.
 fn has_panels(seen: &RgbImage, shown: &RgbImage) -> bool {
     let (width, height) = seen.dimensions();
     [(2, 1), (1, 2), (3, 1), (1, 3)]
@@ -143,8 +143,9 @@ impl Place {
         placed.is_better_than(&as_read) && placed.gain_over(&as_read) >= MIN_PLACE_GAIN_DB
     }
 
-    /// Padding makes the photograph smaller, a crop makes it larger: along one axis, or padding at the right and at the
-    /// bottom. `None` for a shift, or for another size along both axes, which motion along the optical axis leaves.
+    /// The change that the place indicates. If the photograph became smaller along one axis, or towards its upper left
+    /// corner, the picture was padded; if it became larger along one axis, cropped. `None` for a shift, or for another
+    /// size along both axes, which motion along the optical axis also causes.
     fn change(&self) -> Option<PictureChange> {
         use PictureChange::{Cropped, Padded};
         let [x, y] = self.0.map(|axis| {

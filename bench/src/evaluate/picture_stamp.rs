@@ -20,8 +20,8 @@ const MIN_TARGETS: usize = 4;
 const MIN_SOURCES: usize = 3;
 /// At least this share of the pictures must have the content.
 const MIN_SHARE: f64 = 0.8;
-/// The targets of these pictures must differ from their median by at least this, as a median, levels: what is equal in
-/// them is not foreign.
+/// The median difference of these pictures' targets from their own median must be at least this, in levels. Content
+/// that the targets share as well is not foreign.
 const MIN_TARGET_DIFFERENCE: f64 = 8.0;
 /// The content must fill at least this many cells.
 const MIN_CELLS: usize = 8;
@@ -35,7 +35,7 @@ const MIN_CONTRAST: u8 = 24;
 /// Number of a cell, row by row, and its mean levels in the picture and in the target.
 pub(super) type Cell = (u16, u8, u8);
 
-/// Cells in which a picture differs from its target, with their mean levels.
+/// Cells in which a picture differs from its target, with the mean levels of both.
 pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<Cell> {
     let levels = |of: &RgbImage| -> Vec<u8> {
         let cells = thumbnail(of, GRID[0], GRID[1]);

@@ -1,8 +1,9 @@
-//! Detects an exposure, white balance or tone curve that all pictures of a dataset have and their targets do not,
-//! darker corners, and masked backgrounds.
+//! Detects exposures, white balances and tone curves that a dataset's pictures share and their targets do not have, as
+//! well as darker corners and masked backgrounds.
 //!
-//! Sorted levels are compared, which depend neither on places nor, in reduced pictures, on noise and blur. Methods that
-//! reproduce levels badly do so in each picture differently; only one curve for nearly all of them is evidence.
+//! Sorted levels are compared. They do not depend on position and, in reduced pictures, hardly on noise and blur.
+//! Methods that reproduce levels badly err differently in each picture, so only a curve shared by nearly all pictures
+//! is evidence.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -21,7 +22,7 @@ const QUANTILES: [usize; 5] = [10, 30, 50, 70, 90];
 const MAX_BLACK: u8 = 3;
 /// The target is dark in a cell if its mean there is at most this level.
 const MAX_DARK: u8 = 20;
-/// A picture's tone is measured only if at least this share of the cells is left.
+/// A picture's tone is measured only if at least this share of the cells is not skipped.
 const MIN_CELLS: f64 = 0.5;
 /// Levels outside this range may be clipped.
 const UNCLIPPED: std::ops::RangeInclusive<u8> = 12..=247;
@@ -31,17 +32,19 @@ const MIN_PICTURES: usize = 3;
 const MIN_SHARE: f64 = 0.8;
 /// A curve is sought only if the root mean square difference from the targets' levels is at least this.
 const MIN_OFF: f64 = 8.0;
-/// A curve explains levels if its squared error is at most this multiple of that without it.
+/// A curve explains levels if it reduces their squared error to at most this fraction.
 const MAX_EXPLAINED_ERROR: f64 = 0.25;
 /// A curve with more parameters must reduce the squared error to this fraction.
 const MAX_BETTER_ERROR: f64 = 0.6;
-/// Exposures of sources are reported only if at least this share of the pictures follow them.
+/// A difference in exposure between sources and targets is reported only if at least this share of the pictures follow
+/// their sources.
 const MIN_FOLLOWING: f64 = 0.4;
-/// The means differ by at least this multiple of the root mean square difference unless only contrast was lost.
+/// Unless only contrast was lost, the mean difference is at least this fraction of the root mean square difference.
 const MIN_MEAN_SHARE: f64 = 0.7;
 /// Gains are a white balance if those of two channels differ by at least this factor.
 const MIN_BALANCE: f64 = 1.06;
-/// The rings that are compared (middle, halfway, corners), as ranges of the squared distance from the middle; a corner is at 1.
+/// The rings that are compared: middle, halfway and corners, as ranges of the squared distance from the middle. Corners
+/// are at 1.
 const RINGS: [(f64, f64); 3] = [(0.0, 0.12), (0.3, 0.5), (0.65, 1.0)];
 /// Corners count as dark if they are darkened by at least this, as a logarithm.
 const MIN_DARKENING: f64 = 0.16;
@@ -52,8 +55,8 @@ const MIN_BETWEEN: f64 = 0.15;
 /// The places between middle and corners are darkened by at most this share of the corners' darkening.
 const MAX_BETWEEN: f64 = 0.85;
 
-/// A picture counts as masked if at least this share of the content is black or white, in percent. Holes of predictions
-/// are where the source shows nothing.
+/// A picture counts as masked if at least this percentage of the content shown by both source and target is black or
+/// white. Holes of predictions do not count, because the source does not show what is there.
 const MIN_MASKED_PERCENT: u8 = 5;
 /// Masks are reported only if at least this share of the pictures are masked.
 const MIN_MASKED_SHARE: f64 = 0.5;
@@ -209,7 +212,7 @@ fn level_pairs(from: &[[u8; 5]; 3], to: &[[u8; 5]; 3]) -> Vec<LevelPair> {
         .collect()
 }
 
-/// Sum of squared differences.
+/// Sum of squared differences after applying `curve`.
 fn error(pairs: &[LevelPair], curve: Curve) -> f64 {
     let off = |(channel, from, to): &LevelPair| (curve.of(*channel, *from) - to).powi(2);
     pairs.iter().map(off).sum()
@@ -259,7 +262,7 @@ fn explaining(pairs: &[LevelPair]) -> Option<Curve> {
     let count = pairs.len().max(1) as f64;
     let before = error(pairs, Curve::AS_READ);
     let off = (before / count).sqrt();
-    // Methods that blur or hesitate lose contrast, which is a line and keeps the mean.
+    // Methods that blur or hedge lose contrast: their curve is a line that keeps the mean.
     let shift = pairs.iter().map(|(_, from, to)| to - from).sum::<f64>() / count;
     let (line, is_shifted) = (error_of_line(pairs), shift.abs() >= MIN_MEAN_SHARE * off);
     let is_told = |curve: &Curve| match curve {
@@ -287,7 +290,7 @@ pub(super) fn toned_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> V
         }
     }
     let told = by_dataset.into_iter().filter(|(_, pictures)| {
-        // Another change explains their levels.
+        // If most pictures have another detected change, that change explains their levels.
         let changed = pictures
             .iter()
             .filter(|(record, _)| record.change.is_some());
@@ -301,8 +304,8 @@ pub(super) fn toned_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> V
     .collect()
 }
 
-/// A sentence for each dataset most of whose pictures are black or white where source and target show content.
-/// Datasets of `reframed` pictures are skipped, which may lack a border.
+/// A sentence for each dataset most of whose pictures are black or white where source and target show content. Skips
+/// `reframed` datasets, whose pictures may lack a border.
 pub(super) fn masked_pictures<'a>(
     records: impl Iterator<Item = &'a Record>,
     reframed: &BTreeSet<&str>,

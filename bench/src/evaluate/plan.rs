@@ -83,9 +83,7 @@ pub struct Estimate {
     pub total: StageCost,
     /// Predicting Gaussians and pictures. Disk space is that of the files passed on if stages run separately.
     pub predict: StageCost,
-    /// Rendering.
     pub render: StageCost,
-    /// Scoring.
     pub score: StageCost,
 }
 

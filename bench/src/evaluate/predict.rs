@@ -114,7 +114,7 @@ fn cached<'c, 'a, T>(
     }
 }
 
-/// Reason that a unit has no picture.
+/// Why a unit has no picture.
 enum Failure {
     /// The reason is recorded as the unit's failure.
     Pair(String),
@@ -295,8 +295,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(self.folder.save(unit)?)
     }
 
-    /// Records the picture, and stores it if requested. Done before scoring, so that a run killed during scoring need
-    /// not predict again.
+    /// Records the picture, and stores it if requested. This happens before scoring, so that a run killed during
+    /// scoring need not predict again.
     fn keep(&self, unit: &mut Unit, made: Made) -> Result<RgbImage, EvaluateError> {
         let prediction = made.prediction;
         let picture = match prediction.picture {

@@ -73,8 +73,8 @@ pub struct Record {
     pub baseline_m: f64,
     /// Angle between the two cameras, in degrees.
     pub rotation_deg: f64,
-    /// Median ground-truth depth of the target view, in metres. If the target of a stereo pair has no depth, the median of
-    /// the source's depth.
+    /// Median ground-truth depth of the target view, in metres. For stereo pairs whose target has no depth, it is the
+    /// median of the source's depth.
     pub median_depth_m: Option<f64>,
     /// Share of the target's valid-depth pixels visible in the source, 0..1.
     pub overlap: Option<f64>,
@@ -118,8 +118,8 @@ pub struct Record {
     /// Levels of the stored picture, its target and its source; `None` if they were not compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tone: Option<Tone>,
-    /// Share of the content common to source and target at whose place the stored picture is black or white, percent;
-    /// `None` if too little content was found.
+    /// Percentage of the content common to source and target where the stored picture is black or white; `None` if too
+    /// little content was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub masked: Option<u8>,
     /// A note on the rendering rule of the Gaussians, if it was stated neither by the file nor by

@@ -26,7 +26,7 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::{OpenDataset, PairList};
 use crate::scoring::{Region, Scoring};
 
-/// Scores a folder's kept predictions under those metrics whose scores are missing.
+/// Computes the scores that a folder's kept predictions are still missing under the given metrics.
 ///
 /// # Errors
 /// If the folder or its datasets cannot be read, or earlier scores of LPIPS and DISTS were computed on another

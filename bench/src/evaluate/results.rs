@@ -96,8 +96,8 @@ impl Current {
         })
     }
 
-    /// Checks that pair list and plan have lost no rows since the manifest was written, and that the list agrees with
-    /// the units.
+    /// Checks that the pair list and the plan have lost no rows since the manifest was written, and that the list
+    /// agrees with the units.
     fn check_list(&self, folder: &RunFolder, list: &PairList) -> Result<(), EvaluateError> {
         let said = &self.manifest.pairs;
         check_rows(folder, said, &folder.plan()?, list)?;
@@ -159,7 +159,7 @@ impl Current {
     }
 }
 
-/// Checks that pair list and plan have lost no rows since the manifest was written.
+/// Checks that the pair list and the plan have lost no rows since the manifest was written.
 pub(super) fn check_rows(
     folder: &RunFolder,
     said: &PairsRecord,
@@ -198,7 +198,7 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     }
 }
 
-/// The folder of the units in tables: that of the common region, if there is one.
+/// The folder with the units that tables show: the common region's if there is one, otherwise `folder` itself.
 pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
     match manifest.common_region {
         true => folder.common_region(),

@@ -94,7 +94,7 @@ pub(super) struct Unscored {
     pub(super) picture: RgbImage,
 }
 
-/// The metrics whose scores are missing or have another key.
+/// The metrics whose scores are missing or were computed from other inputs.
 pub(super) fn missing<'s>(
     unit: &Unit,
     scoring: &'s Scoring,
@@ -137,8 +137,8 @@ impl MemoryShares {
         }
     }
 
-    /// How many predictions of a target to pass to [`score_pair`] at once, at least 1. The same number is prepared
-    /// meanwhile.
+    /// How many predictions of a target to pass to [`score_pair`] at once, at least 1. While these are scored, as many
+    /// others are prepared.
     pub(super) fn pictures_of(self, target: &View) -> usize {
         let picture = 3 * u64::from(target.intrinsics.width) * u64::from(target.intrinsics.height);
         (self.pictures / (2 * picture).max(1)).max(1) as usize

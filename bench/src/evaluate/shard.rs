@@ -39,7 +39,7 @@ impl Shard {
         self.deal(list, pair_id).swap_remove(self.index - 1)
     }
 
-    /// Divides a list into all shares.
+    /// Divides a list among all shares.
     pub(super) fn deal<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<Vec<T>> {
         let mut groups: Vec<std::ops::Range<usize>> = Vec::new();
         for at in 0..list.len() {
@@ -145,7 +145,7 @@ fn of_array(
         return match count {
             Some(count) => Shard::new(index, count),
             None if size.is_some() && size == last => Shard::new(index, size.unwrap_or(index)),
-            // If only tasks 2 and 5 of 8 are submitted, the environment lacks the total.
+            // If only some tasks are submitted, such as 2 and 5 of 8, the environment does not tell the total.
             None => Err(ShardError::Count(
                 "the indices of this Slurm array are not 1 to N without gaps, so the number of \
                  shards is unknown: use --shard auto/N",

@@ -93,11 +93,11 @@ impl RunProgress {
     }
 }
 
-/// Of `count` shards, those with units without a result; with `retry_failed`, also those with
-/// failed units.
+/// Of `count` shards, the numbers (from 1) of those with units that have no result. With `retry_failed`, shards with
+/// failed units are included.
 ///
 /// # Errors
-/// As [`RunProgress::read`]; also if `count` is out of range.
+/// Those of [`RunProgress::read`]; also if `count` is out of range.
 pub fn unfinished_shards(
     root: &Path,
     count: usize,
@@ -132,8 +132,8 @@ fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
 }
 
 /// Number of units finished within [`WINDOW`] before the last one, and the seconds that they took. The first of them
-/// only marks the start and is not counted. `None` if no later one finished in that period, or if the last one finished
-/// longer ago than [`WINDOW`].
+/// only marks the start and is not counted. `None` if only one unit finished in that period, or if the last one
+/// finished longer ago than [`WINDOW`].
 fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
     times.sort();
     let last = *times.last()?;

@@ -80,7 +80,7 @@ fn grey(
     })
 }
 
-/// The Gaussians of `depth-splat` under another identity, with a call count: a stand-in for a network.
+/// Stands in for a network: predicts the Gaussians of `depth-splat` under another identity, and counts the calls.
 struct Network {
     label: &'static str,
     depth: TrueDepth,
@@ -778,7 +778,7 @@ fn a_bundle_is_the_results_without_pictures() {
     assert_ne!(other.head().unwrap().digest, head);
 }
 
-/// 3000 pairs of 7 methods under 4 metrics, all scores with all digits: within the size limit for a
+/// A bundle of 3000 pairs, 7 methods and 4 metrics, with all digits of all scores, is within the size limit for a
 /// baseline in a repository.
 #[test]
 fn a_bundle_of_the_papers_size_is_below_a_megabyte() {

@@ -43,7 +43,8 @@ groups! {
 /// Fingerprint of all groups together, which identifies the build.
 pub const BUILD: &str = env!("SHARP_BENCH_BUILD");
 
-/// Crates that decode pictures, with versions, which may differ in results, for example by one level in a JPEG.
+/// Crates that decode pictures, with their versions. Versions may decode differently, for example by one level in a
+/// JPEG.
 pub const DECODERS: &str = env!("SHARP_BENCH_DECODERS");
 
 pub fn of_metric(family: Family) -> &'static str {

@@ -23,7 +23,7 @@ pub fn file_sha256(path: &Path) -> Result<String, FileError> {
 pub struct HashedFile {
     path: PathBuf,
     sha256: String,
-    /// The file's stamp when its hash was last confirmed; `None` after the hash differed once.
+    /// The file's stamp when its hash was last confirmed. `None` once a hash has differed.
     stamp: Mutex<Option<FileStamp>>,
 }
 

@@ -71,10 +71,10 @@ pub fn is_picture(path: &Path) -> bool {
     extension(path).is_some_and(|found| EXTENSIONS.contains(&found.as_str()))
 }
 
-/// As [`read_as`] under the default rules.
+/// Like [`read_as`], under the default rules.
 ///
 /// # Errors
-/// As [`read_as`].
+/// Those of [`read_as`].
 pub fn read(path: &Path) -> Result<Picture, ReadError> {
     Ok(read_as(path, &PictureReading::default())?.picture)
 }
@@ -84,7 +84,7 @@ pub fn read(path: &Path) -> Result<Picture, ReadError> {
 /// and counts as composited over its background.
 ///
 /// # Errors
-/// Names the file and the reason: unreadable, not a picture, wrong shape, values not finite or
+/// The error names the file and the reason: unreadable, not a picture, wrong shape, values not finite or
 /// outside 0..1, or a choice that `reading` must state.
 pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, ReadError> {
     if path.is_dir() {
@@ -127,7 +127,7 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
 /// files. A picture with an EXIF orientation needs a stated rule for reading it.
 ///
 /// # Errors
-/// The errors of [`read_as`] that the header reveals.
+/// Those errors of [`read_as`] that the header reveals.
 pub fn dimensions(path: &Path, rules: &PictureRules) -> Result<Option<(u32, u32)>, ReadError> {
     match extension(path).as_deref() {
         Some("exr") => return exr_dimensions(path).map(Some),
@@ -279,7 +279,7 @@ pub struct LinearPicture {
 /// Reads an EXR that our renderer wrote.
 ///
 /// # Errors
-/// Names the file and the reason: unreadable, values that are not finite, or not known to be linear.
+/// The error names the file and the reason: unreadable, values that are not finite, or not known to be linear.
 pub fn read_linear(path: &Path) -> Result<LinearPicture, ReadError> {
     let (picture, said) = read_rgba(path)?;
     let mut values = picture.rgb.iter().chain(picture.alpha.iter());

@@ -14,7 +14,7 @@ pub fn visible(text: &str) -> Cow<'_, str> {
     escaped(text, |c| is_obeyed(c) && c != '\n' && c != '\t')
 }
 
-/// As [`visible`], but also escapes newlines and tabs, for text that must stay on one line.
+/// Like [`visible`], but also escapes newlines and tabs, for text that must stay on one line.
 pub fn visible_line(text: &str) -> Cow<'_, str> {
     escaped(text, is_obeyed)
 }

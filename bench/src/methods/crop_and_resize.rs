@@ -183,7 +183,7 @@ impl FitRules {
         })
     }
 
-    /// The kernel to resize the picture with; `None` if it already has the right size.
+    /// The kernel for resizing the picture; `None` if it already has the right size.
     fn kernel_for(
         &self,
         (w, h): (u32, u32),
@@ -225,7 +225,8 @@ impl FitRules {
     }
 }
 
-/// Error message: `option` must set the kernel to resize a picture to the size of `what`. Lists the kernels.
+/// The error message for a picture that needs a kernel to be resized to the size of `what`. It lists the kernels;
+/// `option` is the text with which the user sets one.
 pub(crate) fn needs_kernel(
     what: &str,
     (w, h): (u32, u32),

@@ -49,7 +49,7 @@ impl FileTemplate {
         let encoded = path_of(id);
         let plain = match id.contains("__") {
             true => PairName::decode(id),
-            // Stands in for the target; templates for a source's files do not contain `{target}`.
+            // `x` stands in for the target, because templates for a source's files do not contain `{target}`.
             false => PairName::decode(&format!("{id}__x")),
         };
         let mut of_parts = encoded.splitn(3, '/');
@@ -72,8 +72,8 @@ impl FileTemplate {
             .collect()
     }
 
-    /// The first [candidate](Self::candidates) that exists. `absent` is for the error: what is missing, and the key of
-    /// the template's option.
+    /// The first [candidate](Self::candidates) that exists. The error says that `what` is missing; `key` is the option
+    /// that sets the template.
     pub(super) fn find(
         &self,
         folder: &Path,

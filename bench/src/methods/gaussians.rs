@@ -175,8 +175,8 @@ fn size(path: &Path) -> u64 {
     inside.unwrap_or_else(|_| of_file(path))
 }
 
-/// A warning if the principal point for which a file was made differs from the dataset's. SHARP assumes the centre of
-/// the photograph.
+/// Warns if a file was made for a principal point that differs from the dataset's. SHARP assumes that it is at the
+/// centre of the photograph.
 fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String> {
     let is_same_size = (stored.width, stored.height) == (own.width, own.height);
     let by = [stored.cx - own.cx, stored.cy - own.cy].map(|by| (by * 1000.0).round() / 1000.0);
@@ -375,7 +375,7 @@ impl PredictGaussians for GaussianFiles {
             rule_note,
             warnings: doubts
                 .into_iter()
-                // Other axes than OpenCV's explain a rotation about z, so they explain this doubt.
+                // Axes other than OpenCV's explain a rotation about z, and therefore this warning.
                 .filter(|d| d.about != StoredQuaternions::KEY || placement.axes == Axes::OPENCV)
                 .filter(|d| d.about != AXES)
                 .map(|doubt| {

@@ -145,8 +145,8 @@ impl Method for Imported {
         &self.label
     }
 
-    /// Excludes the folder. The bytes of each picture are hashed instead, so that moving the folder keeps finished work
-    /// valid.
+    /// The identity leaves out the folder. The bytes of each picture are hashed instead, so that moving the folder
+    /// keeps finished work valid.
     fn identity(&self) -> MethodIdentity {
         MethodIdentity {
             kind: "imported".to_owned(),

@@ -22,7 +22,7 @@ use crate::scoring::ScaleChooser;
 #[derive(Debug, Clone, Copy)]
 pub struct MethodKind {
     pub name: &'static str,
-    /// Groups of options; `label` is implied.
+    /// Names of the options, in groups that several kinds share; `label` is implied.
     pub options: &'static [&'static [&'static str]],
     /// What the method predicts.
     pub summary: &'static str,
@@ -255,8 +255,8 @@ pub const KINDS: [MethodKind; 8] = [
 /// A method with its spec; `None` for a method passed in as code.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the methods; labels must be unique. Scores of aligned targets mean little alone, so the unaligned form of
-/// each aligned method is added if it is not listed. `chooser` picks the scale for methods that predict several.
+/// Builds the methods, whose labels must be unique. Scores with `align=pose` mean little alone, so each such method is
+/// also added without it, unless that is listed already. `chooser` picks the scale for methods that predict several.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,

@@ -92,7 +92,7 @@ impl<'a> SourceView<'a> {
     }
 }
 
-/// The target's camera, all that a method gets of the target.
+/// The target's camera, which is all that a method knows about the target.
 #[derive(Debug, Clone, Copy)]
 pub struct TargetCamera<'a> {
     pair_id: &'a str,
@@ -139,8 +139,7 @@ pub struct PicturePrediction {
     pub resized_from: Option<(u32, u32)>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// Conversions of the file that the user did not request: one sentence each, which names the
-    /// setting.
+    /// One sentence on each conversion of the file that the user did not request. It names the setting for the conversion.
     pub notes: Vec<String>,
 }
 
@@ -185,8 +184,8 @@ pub struct GaussianPrediction {
     /// Rendering rule; `None` for SHARP's under the run's settings.
     pub rule: Option<Rule>,
     pub space: GaussianSpace,
-    /// The network's first depth layer, in metres. If the method has the [`Privilege`], it is aligned
-    /// to the true depth.
+    /// The network's first depth layer, in metres. If the method has the [`Privilege`] to use true
+    /// depth, the layer is aligned to it.
     pub first_layer: Option<DepthMap>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
@@ -326,7 +325,7 @@ pub enum Approach<'a> {
     Gaussians(&'a dyn PredictGaussians),
     /// Pictures at several scales of the scene; the best is scored.
     Scales(&'a dyn PredictScales),
-    /// The ground truth itself, which the method does not get: a self-test of the whole pipeline.
+    /// The ground truth itself, for a self-test of the whole pipeline. The method does not see it.
     Target,
 }
 

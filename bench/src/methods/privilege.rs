@@ -40,7 +40,8 @@ impl Privilege {
         }
     }
 
-    /// One phrase per privilege, except for the use of depth, which the descriptions of those methods state.
+    /// One phrase per privilege. The use of true depth itself has none, because the descriptions of methods that use it
+    /// say so.
     pub fn phrases(self) -> impl Iterator<Item = &'static str> {
         let scale = self.depth == TrueDepth::DepthScale;
         [

@@ -141,7 +141,7 @@ impl FromStr for MethodSpec {
     }
 }
 
-/// The canonical spec: the label unless it is the kind's name, then the options, sorted by key.
+/// The canonical spec: the kind, then the label unless it is the kind's name, then the options, sorted by key.
 impl fmt::Display for MethodSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.kind)?;

@@ -106,7 +106,7 @@ fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<Stri
 /// Maximum number of left-out views listed by name.
 const NAMED: usize = 3;
 
-/// Warns if depth is sparse, so that overlaps are measured at single pixels.
+/// Warns if depth is so sparse that overlaps depend on few pixels.
 pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option<String> {
     let is_sparse = counts.is_sparse() && options.depth.is_ground_truth();
     is_sparse.then(|| {
@@ -127,7 +127,7 @@ fn sparseness(counts: &PairCounts) -> String {
     )
 }
 
-/// A sentence for datasets without depth, with the possible sources of depth.
+/// Explains to users of a dataset without depth where depth could come from.
 fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
     let (format, split) = (dataset.entry.format, dataset.setting("split"));
     if options.depth.is_ground_truth() && format == "scannetpp" && split.starts_with("nvs_test") {

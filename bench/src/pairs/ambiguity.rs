@@ -1,5 +1,5 @@
-//! Sensitivity of the pairs to the open choices: counts the pairs with one choice changed at a
-//! time. Choices are those of [`PairOptions`] and alternative settings of the datasets' readers.
+//! Sensitivity of the pairs to the open choices: counts the pairs with one choice changed at a time. The choices are
+//! those of [`PairOptions`] and alternative settings of the datasets' readers.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,7 +18,7 @@ const SAMPLING: &str = "sampling";
 /// Subject of alternative reader settings.
 const READING: &str = "dataset reading";
 
-/// Changes, grouped by subject, as texts of [`PairOptions`] separated by blanks.
+/// Changes, grouped by subject, as texts of [`PairOptions`] separated by spaces.
 const ALTERNATIVES: [(&str, &str); 10] = [
     ("threshold", "threshold=0.5 threshold=0.7 at-threshold=in"),
     (
@@ -207,8 +207,8 @@ fn counts(build: &PairBuild, base: &BTreeSet<&str>) -> BTreeMap<String, Count> {
     counts
 }
 
-/// Settings that do not concern the interpretation of the paper: permission to open files, and treatment of pictures
-/// that do not match their camera's size.
+/// Settings that do not affect how the paper is interpreted: permission to open files, and treatment of pictures whose
+/// size differs from their camera's.
 const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
 
 /// Each dataset under every alternative setting of its reader. If its files cannot be opened under a setting, the

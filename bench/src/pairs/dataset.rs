@@ -22,7 +22,7 @@ pub struct OpenDataset {
     pub name: String,
     /// The configuration as given.
     pub config: DatasetConfig,
-    /// The reader and all its settings except the folder, which determine how files are interpreted.
+    /// The reader with all its settings except the folder. They determine how files are interpreted.
     pub settings: String,
     /// Settings for details that the paper leaves open.
     pub readings: Vec<DatasetReading>,
@@ -86,7 +86,7 @@ impl OpenDataset {
     /// Opens a dataset with the settings that a run recorded, even if a default has changed since.
     ///
     /// # Errors
-    /// As [`Self::open_all`], but it is no error if no scene matches.
+    /// Those of [`Self::open_all`], but it is no error if no scene matches.
     pub fn open_recorded(
         config: &DatasetConfig,
         recorded: &[DatasetReading],

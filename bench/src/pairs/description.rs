@@ -32,8 +32,8 @@ pub struct PairDescription {
     pub target_from_source: [f64; 16],
     /// Location and size of the expected prediction.
     pub prediction: ExpectedPrediction,
-    /// Cameras at several scales, for methods without metric scale: of their pictures at all scales, the best is
-    /// scored.
+    /// Cameras at several scales, for methods without metric scale. The method predicts a picture at each scale, and
+    /// only the best is scored.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scales: Vec<ScaledCamera>,
     pub conventions: BTreeMap<&'static str, &'static str>,

@@ -78,7 +78,7 @@ impl ListCompanion {
         write_json(&Self::path(list), self)
     }
 
-    /// The companion of exactly the list `list`; `None` if there is none.
+    /// The companion of `list`; `None` if there is none, or if it belongs to a list with other contents.
     pub fn of(list: &PairList) -> Option<Self> {
         let companion = Self::read(&Self::path(&list.path))?;
         (companion.schema == SCHEMA && companion.sha256 == list.sha256).then_some(companion)
@@ -88,7 +88,7 @@ impl ListCompanion {
         serde_json::from_slice(&sharp::files::read(path).ok()?).ok()
     }
 
-    /// Removes the companion of an overwritten list. Keeps a file of that name that is not a companion.
+    /// Removes the companion of a list that is overwritten. Keeps a file of that name that is not a companion.
     pub fn remove(list: &Path) -> Result<(), FileError> {
         let path = Self::path(list);
         match Self::read(&path) {

@@ -171,7 +171,7 @@ impl PairRecipe {
         own.overlap_checkpoint = recipe.overlap_checkpoint;
     }
 
-    /// Builds the list of opened datasets, each by its own recipe. Files that cannot be read cause warnings.
+    /// Builds the pair list of opened datasets, each by its own recipe. Files that cannot be read cause warnings.
     ///
     /// # Errors
     /// If choices are inconsistent, or requested depth does not exist.

@@ -21,7 +21,7 @@ pub enum SamplingRule {
     /// consecutively from one generator.
     #[value(name = "stratified:baseline")]
     StratifiedBaseline,
-    /// The first ones when sorted by pair id.
+    /// The first pairs in the order of their ids.
     First,
 }
 

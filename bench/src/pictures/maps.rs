@@ -133,7 +133,7 @@ pub struct MapFiles {
 /// Writes `FOLDER/NAME.<alias>.png` and `.exr`.
 ///
 /// # Errors
-/// Names the file and the reason.
+/// The error names the file and the reason.
 pub fn write_map(folder: &Path, name: &str, map: &LocalMap) -> Result<MapFiles, FileError> {
     let path = |extension| folder.join(format!("{name}.{}.{extension}", map.alias));
     let files = MapFiles {

@@ -1,5 +1,5 @@
-//! Variants that other packages compute under the names of our metrics. They help to identify a
-//! published number and are never a column.
+//! Variants that other packages compute under the names of our metrics. They help to identify a published number and
+//! never become a column of a table.
 //!
 //! Each variant is the default of a public package. The code is simple rather than fast, because only `metrics --find`
 //! uses it.

@@ -21,17 +21,17 @@ use crate::pairs::depth::median_depth_m;
 const WIDEST: u32 = 640;
 /// Pictures narrower than this are not used, in pixels.
 const NARROWEST: u32 = 60;
-/// Minimum low-pass for all pictures but the last, px². It makes it unlikely that Gaussians are smaller than a pixel.
+/// Minimum low-pass for all pictures but the last, in px². With it, Gaussians are rarely smaller than a pixel.
 const LOW_PASS: f32 = 0.3;
 /// The initial shift is searched in the largest picture up to this width, in pixels.
 const SHIFT_WIDTH: u32 = 160;
 /// Maximum initial shift, as a share of the width.
 const MAX_SHIFT: f64 = 0.1;
-/// Maximum number of steps per width and reach.
+/// Maximum number of steps at each picture width and each reach (see [`REACH`]).
 const STEPS: usize = 20;
 /// Half the distance between the two renderings of a central difference, in pixels.
 const REACH: f64 = 0.5;
-/// Reaches of the final rounds at the last width. A smaller reach lowers the effect of single pixels.
+/// Reaches of the final rounds at the last width. With a smaller reach, single pixels have less effect.
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
 /// Iteration at a width ends after a step smaller than this, in pixels.
 const LAST_STEP: f64 = 0.01;
@@ -142,8 +142,8 @@ impl Level<'_> {
         self.valid.as_ref().is_none_or(|valid| valid[pixel])
     }
 
-    /// The rotation that corresponds to the shift by whole pixels after which the rendering is closest to the
-    /// photograph.
+    /// Finds the shift by whole pixels after which the rendering is closest to the photograph. Returns the rotation
+    /// that has this effect.
     fn shifted(&self, output: &RenderOutput) -> DAffine3 {
         let shown = self.shown(output);
         let (width, height) = (shown.width() as i32, shown.height() as i32);

@@ -37,7 +37,7 @@ pub struct DatasetBoard<'a> {
 
 #[derive(Debug)]
 pub struct PairBoard<'a> {
-    /// Any record of the pair; used for facts that do not depend on the method.
+    /// Any record of the pair, for facts that do not depend on the method.
     pub facts: &'a Record,
     /// Records by method, in the order of [`Board::methods`]; `None` if the method has no record.
     pub by_method: Vec<Option<&'a Record>>,
@@ -48,7 +48,7 @@ pub struct PairBoard<'a> {
 pub struct ReportDataset {
     /// Name as in the records: the user's choice, or the format by default.
     pub name: String,
-    /// Format as which the dataset was read; `None` if only its name is known.
+    /// Format that the dataset was read as; `None` if only its name is known.
     pub format: Option<String>,
     /// One line that describes the dataset and how much of it was read.
     pub description: String,
@@ -68,14 +68,14 @@ pub struct ReportMethod {
     pub description: String,
     /// Why this row has no rank (`it is the ground truth itself`); `None` if it is ranked.
     pub unranked: Option<String>,
-    /// Whether every real method is expected to beat this method.
+    /// Whether this method is a trivial one, which every real method is expected to beat.
     pub is_baseline: bool,
     /// Whether plots and sheets show the method. `target` and `mean` would stretch the axes, so they are left out
     /// unless the user lists them or there is nothing else.
     pub is_plotted: bool,
-    /// Kernel used to resize predictions of another size, if named.
+    /// Name of the kernel that resized predictions of another size, if known.
     pub resize_kernel: Option<String>,
-    /// Doubts about the method's predictions, shown next to the method's label below the first table.
+    /// Warnings about the method's predictions, shown next to the method's label below the first table.
     pub doubt: Option<String>,
     /// Notes on the method, shown next to `doubt`.
     pub note: Option<String>,
@@ -95,7 +95,7 @@ impl<'a> Board<'a> {
     /// Arranges results.
     ///
     /// # Errors
-    /// If a pair has two records of one method, or two records of a pair disagree on its geometry, because means would
+    /// If a pair has two records of one method, or if two records of a pair disagree on its geometry. Means would then
     /// be meaningless.
     pub fn of(results: &'a Results) -> Result<Self, ReportError> {
         let Results {
@@ -150,13 +150,13 @@ impl<'a> Board<'a> {
         })
     }
 
-    /// Indices of the methods in plots and sheets.
+    /// Indices of the methods that plots and sheets show.
     pub fn plotted(&self) -> impl Iterator<Item = usize> {
         let methods = self.methods.iter().enumerate();
         methods.filter_map(|(i, method)| method.is_plotted.then_some(i))
     }
 
-    /// Counts with their nouns, for the summary and the tiles of a page.
+    /// Pluralised names and counts, for the summary and the tiles of a page.
     pub fn counts(&self, metrics: usize) -> [(&'static str, usize); 6] {
         let pairs = || self.datasets.iter().flat_map(|d| &d.pairs);
         let scenes = pairs().map(|pair| (&pair.facts.dataset, &pair.facts.scene));
@@ -197,7 +197,7 @@ fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
 }
 
 impl ReportDataset {
-    /// A dataset with only a name and a format, which may be empty.
+    /// A dataset of which only the name and the format are known; the format may be empty.
     pub fn of(name: &str, format: &str) -> Self {
         Self {
             name: name.to_owned(),
@@ -239,8 +239,8 @@ impl ReportDataset {
         self.entry().is_some_and(|entry| entry.may_publish)
     }
 
-    /// The dataset's entry, found by format, because users choose names freely; by name only if the
-    /// format is unknown.
+    /// The dataset's entry, found by format because users choose names freely. If the format is unknown, it is found by
+    /// name.
     pub(super) fn entry(&self) -> Option<&'static DatasetEntry> {
         let name = self.format.as_ref().unwrap_or(&self.name);
         let mut entries = ENTRIES.into_iter();
@@ -248,7 +248,7 @@ impl ReportDataset {
     }
 }
 
-/// The dataset's settings and pair options that are known to differ from the paper, without repetition.
+/// The dataset's settings and pair options that are known to differ from the paper, each listed once.
 pub(super) fn proxies(
     manifest: &Manifest,
     dataset: &DatasetRecord,
@@ -261,7 +261,7 @@ pub(super) fn proxies(
     let of_dataset = records.iter().filter(|r| r.dataset == dataset.name);
     let ids: BTreeSet<&str> = of_dataset.map(|record| record.pair_id.as_str()).collect();
     for list in &manifest.pairs.lists {
-        // A limited run does not record how many pairs were selected, so assume very many.
+        // A limited run does not record how many pairs were selected, so assume that the limit excluded some.
         let selected = list.limit.map_or(ids.len(), |_| usize::MAX);
         let choices = list.choices.get(&dataset.name).into_iter();
         for proxy in choices.flat_map(|choices| choices.proxies(&dataset.format, selected)) {

@@ -5,9 +5,10 @@ use sharp_metrics::Direction;
 use super::board::{Board, PairBoard};
 use super::column::Column;
 
-/// At most `limit` pairs, each with the index of its dataset. The limit is divided equally among datasets, except those
-/// with too few pairs. Half of a dataset's share has the largest `badness`. The other half is spread over the remaining
-/// pairs if `evenly`, else has the smallest `badness`.
+/// Chooses at most `limit` pairs, each with the index of its dataset. All datasets get equal shares of the limit; what
+/// a dataset with few pairs cannot use goes to the others. Half of a dataset's share are the pairs with the largest
+/// `badness`. The other half is spread over the remaining pairs if `evenly`; otherwise, it consists of those with the
+/// smallest `badness`.
 pub(super) fn choose<'a>(
     board: &'a Board<'a>,
     limit: usize,
@@ -72,8 +73,8 @@ fn worst_first<'a>(
     order.into_iter().map(|(pair, _)| pair).collect()
 }
 
-/// The pairs on which one method is worse than another in the first ranked metric, largest difference first, then by
-/// id.
+/// The pairs on which `method` is worse than `other` in the first ranked metric, sorted by decreasing difference, then
+/// by id.
 pub(super) fn most_lost<'a>(
     pairs: &'a [PairBoard<'a>],
     metrics: &[Column],
@@ -96,8 +97,8 @@ pub(super) fn most_lost<'a>(
     worst_first
 }
 
-/// How bad a pair's scores are: the mean over the ranked methods in the first metric that has finite scores, negated if
-/// higher is better.
+/// How bad a pair's scores are: the mean score of the ranked methods in the first metric that has finite scores,
+/// negated if higher is better.
 pub(super) fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column]) -> f64 {
     let mean_of = |metric: &Column| {
         let sign = match metric.direction? {

@@ -77,7 +77,7 @@ pub struct Column {
     pub key: String,
     /// Name with variant and region, such as `SSIM gauss11 valid (frustum)`.
     pub label: String,
-    /// As `label`, but without the variant if it is the family's default: `SSIM (frustum)`.
+    /// Like `label`, but without the variant if it is the family's default: `SSIM (frustum)`.
     pub short: String,
     /// Unit such as `dB`; empty for a number without unit.
     pub unit: String,
@@ -87,7 +87,7 @@ pub struct Column {
     pub direction: Option<Direction>,
     /// How the number is computed, including everything that affects its value.
     pub convention: String,
-    /// Name of the network and SHA-256 of its weights; `None` for the published weights.
+    /// Name of the network and SHA-256 of its weights, if they are not the published ones; otherwise `None`.
     pub stand_in: Option<String>,
 }
 
@@ -184,7 +184,8 @@ impl Column {
         self.key.split(['[', '@']).next().unwrap_or_default()
     }
 
-    /// Column names in one table: short for a default variant, unless the table has another variant of the same family.
+    /// Column names in one table. A default variant has the short name, unless the table has another variant of the
+    /// same family.
     pub fn names(columns: &[Self]) -> Vec<&str> {
         let names = columns.iter().map(|column| {
             let mut family = columns.iter().filter(|c| c.family() == column.family());
@@ -236,7 +237,7 @@ impl Column {
     }
 }
 
-/// The letters and digits of a column's key in lower case, other characters replaced by dashes.
+/// The column's key in lower case, with every character other than letters and digits replaced by a dash.
 pub(super) fn slug(key: &str) -> String {
     let parts = key.split(|c: char| !c.is_ascii_alphanumeric());
     let parts: Vec<_> = parts.filter(|part| !part.is_empty()).collect();

@@ -23,7 +23,7 @@ const INFERNO: [[f64; 3]; 7] = [
     [25.13112622477341, -12.24266895238567, -23.07032500287172],
 ];
 
-/// The colour at `share` of the scale's range, clamped to 0..1; NaN gets the brightest colour.
+/// The colour at `share` of the scale's range, clamped to 0..1; NaN has the brightest colour.
 pub fn colour(share: f32) -> Rgb<u8> {
     let t = if share.is_nan() {
         1.0
@@ -87,8 +87,9 @@ pub fn absolute_error(
     }))
 }
 
-/// The error in colour, with `max` at the top of the scale, reduced to fit `side` pixels. Errors are averaged over the
-/// `scored` pixels before colouring. A reduced pixel is [`hatched`] if most of its pixels are not scored.
+/// The error in colour, with `max` at the top of the scale, reduced to fit `side` pixels. Before colouring, errors are
+/// averaged over the pixels that are `scored`. A reduced pixel is [`hatched`] if most of the pixels behind it are not
+/// scored.
 ///
 /// # Errors
 /// If the sizes differ.
@@ -105,11 +106,11 @@ pub fn picture(
     }))
 }
 
-/// A reduced pixel is hatched if less than this share of its pixels is scored.
+/// A reduced pixel is hatched if less than this share of the pixels behind it is scored.
 const MIN_SCORED: f32 = 0.5;
 
-/// Values in colour, averaged over the scored pixels and reduced to fit `side`; [`hatched`] if the share of scored
-/// pixels is below `min_scored`.
+/// Values in colour, averaged over the scored pixels and reduced to fit `side` pixels. A reduced pixel is [`hatched`]
+/// if the share of scored pixels behind it is below `min_scored`.
 pub(super) fn averaged(
     mut error: ImageBuffer<Luma<f32>, Vec<f32>>,
     scored: impl Fn(u32, u32) -> bool,
@@ -136,7 +137,7 @@ pub(super) fn averaged(
     })
 }
 
-/// Change of the error between two predictions: vermilion if it grew, blue if it shrank, grey if
+/// How the error changed between two predictions: vermilion where it grew, blue where it shrank, grey where it is
 /// equal. The scale ends at ±`max`. Otherwise like [`picture`].
 ///
 /// # Errors

@@ -33,7 +33,7 @@ const PROBES: usize = 5;
 /// Pictures are sized to fill this share of the budget, because their file sizes are estimates.
 const TARGET_FILL: f64 = 0.9;
 
-/// Kind of picture of a pair. Kinds for predictions follow those for the two views.
+/// Kind of a pair's picture. The two views' kinds come first, then those of predictions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PictureKind {
     Source,
@@ -68,7 +68,7 @@ impl PictureKind {
     }
 }
 
-/// Pictures, or the reasons for missing ones; kinds that do not apply are absent.
+/// Pictures, or the reasons why they are missing. Kinds that do not apply have no entry.
 pub type Pictures = BTreeMap<PictureKind, Result<Thumbnail, MissingPicture>>;
 
 #[derive(Debug)]
@@ -76,7 +76,7 @@ pub struct Gallery<'a> {
     pub layout: Layout,
     /// Pairs, sorted by dataset as in the board, then by id.
     pub pairs: Vec<GalleryPair<'a>>,
-    /// Number of pairs in the run.
+    /// Number of pairs in the run, shown or not.
     pub of: usize,
     /// Longest side of the pictures, in pixels.
     pub side: u32,
@@ -122,7 +122,7 @@ impl GalleryPair<'_> {
 
 impl<'a> Gallery<'a> {
     /// Selects pairs, then reduces and encodes their pictures to a size that is likely to fit the budget. If a
-    /// single-file page still exceeds the budget, pairs are dropped from the end.
+    /// single-file page still exceeds the budget, the last pairs are dropped.
     pub fn new(
         board: &'a Board<'a>,
         metrics: &[Column],

@@ -58,7 +58,7 @@ pub struct Page<'a> {
     pub metrics: &'a [Column],
     pub extras: &'a [Column],
     pub facts: &'a [FactGroup],
-    /// Counts with their nouns.
+    /// Pluralised names and counts, as in [`Board::counts`].
     pub counts: [(&'static str, usize); 6],
     pub board: &'a Board<'a>,
     pub ours: &'a [Table],
@@ -113,7 +113,7 @@ impl Page<'_> {
         self.gallery.has(kind)
     }
 
-    /// Link to the full prediction; `None` for a crop, because the page shows a crop at its position in the target.
+    /// Link to the full prediction. `None` for a cropped one, because the page shows it at its position in the target.
     pub(super) fn full_path(&self, record: &Record) -> Option<String> {
         let kept = self.pictures.linked(record);
         self.link(&kept.filter(|_| record.crop.is_none())?)
@@ -125,8 +125,8 @@ impl Page<'_> {
         page.is_file().then(|| self.link(&page))?
     }
 
-    /// Links to the full source and target. The target is the one kept by the self-test, or the
-    /// dataset's if none was kept.
+    /// Links to the full source and target. The target is the picture that the self-test kept, or the dataset's if none
+    /// was kept.
     pub(super) fn full_views(&self, pair: &PairBoard<'_>) -> [Option<String>; 2] {
         let mut records = pair.by_method.iter().zip(&self.board.methods);
         let itself = records.find(|(_, method)| method.unranked.is_some());
@@ -136,7 +136,7 @@ impl Page<'_> {
         [source.and_then(|source| self.link(&source)), target]
     }
 
-    /// Link relative to the page, with `/` as separator; `None` if they have no common folder.
+    /// Link relative to the page, with `/` as separator; `None` if page and file have no common folder.
     fn link(&self, file: &Path) -> Option<String> {
         relative(&absolute(file).ok()?, &absolute(self.out).ok()?)
     }

@@ -22,7 +22,7 @@ const CITED: [(&str, &str); 6] = [
     ("eth3d", "schops2017multi"),
 ];
 
-/// Keys of `manifest.scoring` that the paragraph mentions, each with the beginning of its sentence.
+/// Keys of [`Manifest::scoring`] that the paragraph mentions, each with the words that start its sentence.
 const CONVENTIONS: [(&str, &str); 5] = [
     ("prediction", "Predictions"),
     ("target", "Ground truth"),
@@ -83,7 +83,7 @@ pub fn methods_text(results: &Results) -> MethodsText {
     }
 }
 
-/// Sentences on datasets whose views were resized, with the rule.
+/// For each dataset whose views were resized, its name and the rule.
 fn frames(manifest: &Manifest) -> Vec<String> {
     let framed = manifest.datasets.iter().filter_map(|dataset| {
         let frame = dataset
@@ -99,7 +99,7 @@ fn frames(manifest: &Manifest) -> Vec<String> {
     framed.collect()
 }
 
-/// Number of pairs of each dataset, and their list.
+/// States the number of pairs of each dataset, and the list that they are from.
 fn datasets(manifest: &Manifest, records: &[Record]) -> String {
     let named = manifest.datasets.iter().map(|dataset| {
         let of_dataset = records
@@ -144,7 +144,7 @@ fn failures(records: &[Record]) -> Option<String> {
     })
 }
 
-/// Processing of predictions before scoring, and the privileges of methods.
+/// Sentences on how predictions were processed before scoring, and on privileged inputs of methods.
 fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
     let mut sentences = Vec::new();
     let mut say = |labels: BTreeSet<&str>, what: &str| {

@@ -14,7 +14,7 @@ const CITATIONS: &str = include_str!("citations.bib");
 /// Number of hash digits shown in a paper.
 const DIGITS: usize = 12;
 
-/// First line of our files; other files are not overwritten.
+/// First line of the files that this program writes; other files are not overwritten.
 const MARK: &str = "% Written by sharp-bench";
 
 /// A paragraph and the references that it cites.
@@ -67,7 +67,7 @@ impl MethodsText {
     /// Writes `methods.tex`, for `\\input`, and `methods.bib`.
     ///
     /// # Errors
-    /// If a file cannot be written, or exists and is not ours; then none is written.
+    /// If a file cannot be written, or exists and was not written by this program; then none is written.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, FileError> {
         let tex = format!("{MARK}; references: methods.bib\n{}\n", self.latex);
         let bib = format!("{MARK}\n\n{}", self.bibtex);
@@ -76,8 +76,8 @@ impl MethodsText {
     }
 }
 
-/// The metric's sentence from `metrics --explain`, with network and weights by hash, and without the list of equivalent
-/// code.
+/// The metric's sentence from `metrics --explain`, with its network and the hash of the weights, but without the list
+/// of equivalent code.
 fn sentence(info: &MetricInfo) -> String {
     const COMPARED: [&str; 3] = ["Same as", "Not the same as", "With VGG16 the same as"];
     let name = match info.family {
@@ -101,7 +101,7 @@ fn sentence(info: &MetricInfo) -> String {
     format!("{name} (\\texttt{{{}}}): {said}.{weights}", info.key)
 }
 
-/// The network's weights by hash; by torchvision's file name if they are torchvision's features.
+/// The network's weights by hash. If they are torchvision's features, they are given by torchvision's file name.
 fn backbone(info: &MetricInfo) -> String {
     let known = info.backbone.as_ref();
     let known = known.and_then(|b| Some((b, b.features_sha256.as_deref()?)));
@@ -126,8 +126,7 @@ fn backbone(info: &MetricInfo) -> String {
     format!("{name}{file}, sha256 of the features \\texttt{{{features}}}")
 }
 
-/// The first digits of a hash. Other characters are dropped, because files state their own hashes
-/// and may contain any text.
+/// The first digits of a hash. Other characters are dropped, because a file may state any text as its hash.
 pub(crate) fn short(hash: &str) -> String {
     let digits = hash.chars().filter(char::is_ascii_hexdigit);
     digits.take(DIGITS).collect()

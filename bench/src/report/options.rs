@@ -28,9 +28,9 @@ pub struct ReportOptions {
     /// publishing them.
     pub public: bool,
     pub published: PublishedNumbers,
-    /// Uncertainty shown as ± after a mean; by default [`Uncertainty::Ci95`] on the page and none elsewhere.
+    /// Uncertainty shown as ± after a mean. By default, [`Uncertainty::Ci95`] on the page and none elsewhere.
     pub uncertainty: Option<Uncertainty>,
-    /// Contents for a report that compares two runs.
+    /// What the report shows in addition if it compares two runs.
     pub comparison: Option<ReportComparison>,
 }
 
@@ -77,7 +77,7 @@ pub struct ReportComparison {
     /// Labels `[A, B]` of the compared methods.
     pub against: Vec<[String; 2]>,
     pub grids: Vec<TextGrid>,
-    /// Tables of differences by part.
+    /// Tables of differences, divided by parts of the data.
     pub details: Vec<TextGrid>,
     /// How much worse B is, keyed by pair id, then by column key; used to select and sort pairs.
     pub losses: BTreeMap<String, BTreeMap<String, f64>>,

@@ -86,7 +86,7 @@ fn pair_data(page: &Page<'_>, shown: &GalleryPair<'_>) -> Value {
     })
 }
 
-/// For each kind, `[address, width, height]` or the reason why the picture is missing.
+/// For each kind, `[address, width, height]`, or the reason why the picture is missing.
 fn pictures(page: &Page<'_>, pictures: &Pictures) -> Value {
     let address = |picture: &Thumbnail| match page.gallery.layout {
         Layout::File => picture.address(),

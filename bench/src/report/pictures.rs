@@ -24,8 +24,8 @@ use crate::io::view_hashes::lock;
 
 use super::error::MissingPicture;
 
-/// Pictures of records, 8-bit sRGB: source and target from the datasets, predictions from the run folder. If a kept
-/// file differs from the picture that was scored, it is left out and [listed](Self::not_scored).
+/// Pictures of records, 8-bit sRGB: sources and targets from the datasets, predictions from the run folder. A kept file
+/// that differs from the picture that was scored is left out and [listed](Self::not_scored).
 pub struct ReportPictures<'a> {
     results: &'a Results,
     /// Scenes by dataset and id.
@@ -36,8 +36,8 @@ pub struct ReportPictures<'a> {
     /// Kept pictures, keyed by pair and method, so that each file is hashed once.
     kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
     not_scored: Mutex<BTreeSet<PathBuf>>,
-    /// Cache of photographs, keyed by the address of their view, because a view is in many pairs; not extended once
-    /// full.
+    /// Cache of photographs, keyed by the address of their view. Worthwhile because a view is in many pairs. Once full,
+    /// nothing is added.
     photographs: Mutex<BTreeMap<usize, RgbImage>>,
 }
 
@@ -131,13 +131,13 @@ impl<'a> ReportPictures<'a> {
         self.photograph(record, &record.target)
     }
 
-    /// Whether the target is only a camera, so that there is no photograph of it.
+    /// Whether the target is only a camera without a photograph.
     pub(crate) fn is_virtual(&self, record: &Record) -> bool {
         let target = self.view(record, &record.target);
         target.is_ok_and(|target| !target.content.has_photograph())
     }
 
-    /// Mask of the target with 255 for scored pixels, at the target's size; `None` if the dataset excludes none.
+    /// Mask of the target at the target's size, with 255 for scored pixels. `None` if the dataset excludes no pixels.
     ///
     /// # Errors
     /// The reason if it is unknown.
@@ -146,7 +146,7 @@ impl<'a> ReportPictures<'a> {
         valid.map_err(|error| self.unusable(error))
     }
 
-    /// z-depth of a record's view, metres, 0 where unknown; `None` if the dataset has none or is not available.
+    /// z-depth of a record's view, in metres, 0 where unknown. `None` if the dataset has no depth or is not available.
     ///
     /// # Errors
     /// The reason if it cannot be read.
@@ -158,7 +158,7 @@ impl<'a> ReportPictures<'a> {
         }
     }
 
-    /// The kept file of a prediction, cropped if the prediction is.
+    /// The kept file of a prediction. If the prediction is a crop, so is the file.
     ///
     /// # Errors
     /// If it was not kept, or is not the scored one.
@@ -196,7 +196,7 @@ impl<'a> ReportPictures<'a> {
         Ok(whole)
     }
 
-    /// The rendering behind a prediction, if it was kept as floats.
+    /// File of the rendering behind a prediction, if it was kept as floats.
     fn rendering(&self, record: &Record) -> Result<Option<PathBuf>, MissingPicture> {
         self.check_terms(record)?;
         match self.results.kept_rendering(record) {
@@ -205,7 +205,7 @@ impl<'a> ReportPictures<'a> {
         }
     }
 
-    /// Coverage of a rendering in 0..1, at its size; `None` if it was not kept.
+    /// Coverage of a rendering in 0..1, at its own size; `None` if the rendering was not kept.
     ///
     /// # Errors
     /// The reason if it cannot be read.
@@ -217,7 +217,7 @@ impl<'a> ReportPictures<'a> {
         Ok(Some(linear.alpha))
     }
 
-    /// Expected z-depth of a rendering, metres, 0 where nothing was drawn; `None` if it was not kept.
+    /// Expected z-depth of a rendering, in metres, 0 where nothing was drawn; `None` if the rendering was not kept.
     ///
     /// # Errors
     /// The reason if it cannot be read.
@@ -254,7 +254,7 @@ impl<'a> ReportPictures<'a> {
     }
 }
 
-/// Opens the scenes of results for their pictures. An unavailable dataset causes a warning, and the report omits its
+/// Opens the scenes of results for their pictures. If a dataset is not available, warns; the report then omits its
 /// pictures.
 pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     let mut scenes = Vec::new();
@@ -307,8 +307,8 @@ impl Thumbnail {
     }
 }
 
-/// The size with the same aspect ratio whose longer side is at most `side`; never larger than the
-/// original, at least one pixel.
+/// The size with the same aspect ratio whose longer side is at most `side` pixels. It is never larger than the
+/// original, and each side is at least one pixel.
 pub fn fitted((width, height): (u32, u32), side: u32) -> (u32, u32) {
     let longest = width.max(height);
     if longest <= side || longest == 0 {
@@ -321,7 +321,7 @@ pub fn fitted((width, height): (u32, u32), side: u32) -> (u32, u32) {
     (scaled(width), scaled(height))
 }
 
-/// The picture at its [`fitted`] size, by averaging pixels.
+/// The picture reduced to its [`fitted`] size by averaging pixels.
 pub fn reduced<P: Pixel + 'static>(
     picture: &ImageBuffer<P, Vec<P::Subpixel>>,
     side: u32,

@@ -1,5 +1,5 @@
-//! Figures of a report as files, and plots of the pairs' baselines: against a metric, in the form of the paper's
-//! motion-range figure, and as a histogram. One panel per dataset.
+//! Writes the figures of a report as files, and plots the pairs' baselines: as a histogram, and against a metric as in
+//! the paper's motion-range figure. One panel per dataset.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ pub const MARK: &str = "sharp-bench";
 /// Extensions of a figure's files.
 pub const FORMS: [&str; 3] = ["svg", "png", "pdf"];
 
-/// The files `STEM.svg`, `STEM.png` and `STEM.pdf` of a figure, with the mark for overwriting only our own files.
+/// The files `STEM.svg`, `STEM.png` and `STEM.pdf` of a figure, each with its path, contents and [`MARK`].
 pub fn files(figure: Figure, out: &Path, stem: &str) -> [(PathBuf, Vec<u8>, &'static str); 3] {
     let svg = format!("<!-- {MARK} -->\n{}", visible(&figure.svg)).into_bytes();
     let [svg_path, png_path, pdf_path] = FORMS.map(|form| out.join(format!("{stem}.{form}")));
@@ -82,7 +82,7 @@ impl Baselines {
     }
 }
 
-/// Plots the histogram of baselines, for print if a style is given. `None` if no dataset has a pair.
+/// Plots the histogram of baselines. If a style is given, it is made for print. `None` if no dataset has a pair.
 ///
 /// # Errors
 /// If the drawing library fails.
@@ -132,8 +132,8 @@ pub fn histogram(
     figure(&title, caption, &[], &panels, print).map(Some)
 }
 
-/// Plots a metric against the baseline: the mean of each bin as a line, the sample standard deviation (of two or more
-/// samples) as a shade. Neither spans empty bins. `None` if no method has a score of this metric.
+/// Plots a metric against the baseline: a line for the mean of each bin, shaded by the sample standard deviation (of
+/// two or more samples). Line and shade have gaps at empty bins. `None` if no method has a score of this metric.
 ///
 /// # Errors
 /// If the drawing library fails.

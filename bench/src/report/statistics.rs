@@ -16,20 +16,22 @@ pub struct CellStatistics {
     /// Number of pairs in the dataset.
     pub total: usize,
     /// Mean over the pairs with a score, in the order of their ids, under the dataset's
-    /// [`Aggregation`](crate::evaluate::Aggregation); infinite if any score is.
+    /// [`Aggregation`](crate::evaluate::Aggregation). Infinite if any of the scores is.
     pub mean: Option<f64>,
-    /// Sample standard deviation over pairs (divisor n − 1); `None` for fewer than two scores or an infinite one.
+    /// Sample standard deviation over pairs (divisor n − 1). `None` if there are fewer than two scores or one is
+    /// infinite.
     pub std: Option<f64>,
     /// Mean of each physical scene, in the order of their names.
     pub scenes: Vec<f64>,
-    /// Spread over scenes; `None` for a single scene or an infinite score.
+    /// Spread over scenes. `None` if there is only one scene or a score is infinite.
     pub spread: Option<Spread>,
     pub infinite: usize,
     /// Mean over the finite scores; `None` if there are none.
     pub finite_mean: Option<f64>,
     /// Reasons for failed predictions with their counts, in the order encountered.
     pub failures: Vec<(String, usize)>,
-    /// Reasons why other scores are missing, with their counts, in the order encountered.
+    /// Reasons for scores that are missing although the prediction succeeded, with their counts, in the order
+    /// encountered.
     pub absences: Vec<(String, usize)>,
     /// For each pair with a score, its index in the dataset.
     pub scored: Vec<usize>,
@@ -93,8 +95,8 @@ impl Spread {
         }
     }
 
-    /// `units` are the equally weighted values of a mean, with their scenes; `scenes` are the scenes' means. `None` for
-    /// fewer than two scenes or a value that is not finite.
+    /// `units` are the equally weighted values of a mean, each with its scene; `scenes` are the scenes' means. `None`
+    /// if there are fewer than two scenes or a value is not finite.
     fn new(units: &[(&str, f64)], scenes: &[f64]) -> Option<Self> {
         let sd = sample_std(scenes)?;
         let clusters = Clusters::new(units.iter().map(|(scene, value)| (*scene, [0.0, *value])));

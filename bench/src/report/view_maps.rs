@@ -11,7 +11,7 @@ const SAMPLES: usize = 1 << 16;
 /// The colour scale leaves out this share of the values at each end.
 const CUT_SHARE: f64 = 0.02;
 
-/// The picture with stripes where it is not scored.
+/// The picture, with stripes over pixels that are not scored.
 pub fn masked(picture: &RgbImage, scored: impl Fn(u32, u32) -> bool) -> RgbImage {
     RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
         match scored(x, y) {

@@ -192,7 +192,7 @@ pub fn report(
     })
 }
 
-/// Removes this machine's folders from reasons and paths from datasets, for publishing.
+/// The results for publishing: without this machine's folders in reasons and without paths in datasets.
 fn without_paths(results: &Results) -> Results {
     let mut results = results.clone();
     for record in &mut results.records {
@@ -265,8 +265,9 @@ fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Tabl
     (metrics, tables)
 }
 
-/// Fails unless the folder is empty or a report: it has a page with our mark or, if the page is not yet written, a list
-/// that names the page. Also fails if the report's subfolders are links. Ignores dot files.
+/// Fails unless the folder is empty or already a report. A report has a page with our mark; if the page is not yet
+/// written, it has a list of files that names the page. Also fails if the report's subfolders are links. Ignores dot
+/// files.
 fn check_folder(out: &Path) -> Result<(), FileError> {
     let refused = |path: &Path, reason: &str| {
         let reason = format!("{reason}; choose another folder with --out");
@@ -325,7 +326,7 @@ fn listed_earlier(list: &Path) -> Vec<String> {
     text.lines().filter(ours).map(str::to_owned).collect()
 }
 
-/// As text, the number of pairs evaluated here for datasets of the paper.
+/// A sentence with the number of pairs evaluated here, for datasets of the paper.
 fn pairs_here(board: &Board<'_>) -> Option<String> {
     let datasets = board.datasets.iter();
     let of_paper = datasets.filter(|d| paper::column(&d.dataset).is_some());

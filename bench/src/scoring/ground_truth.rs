@@ -21,12 +21,12 @@ pub struct GroundTruth {
 pub(crate) struct PairMasks {
     /// Mask for the metrics with `@frustum`.
     pub(crate) frustum: Option<Mask>,
-    /// Mask for the metrics with `@mask`; `None` for the pixels that the dataset does not exclude.
+    /// Mask for the metrics with `@mask`; if `None`, they use the pixels that the dataset does not exclude.
     pub(crate) given: Option<Mask>,
     pub(crate) border: Border,
 }
 
-/// Mask of the pixels that are 255 in `valid`; `None` if all are.
+/// Mask of the pixels whose value in `valid` is 255; `None` if all have this value.
 pub(crate) fn valid_mask(valid: &GrayImage) -> Option<Mask> {
     let excludes = valid.iter().any(|level| *level < 255);
     let inside = valid.iter().map(|level| *level == 255).collect();
@@ -34,8 +34,8 @@ pub(crate) fn valid_mask(valid: &GrayImage) -> Option<Mask> {
 }
 
 impl GroundTruth {
-    /// An 8-bit sRGB photograph. Pixels count if they are 255 in `valid`, which has the same size;
-    /// the dataset excludes the others (anonymised faces, for instance).
+    /// An 8-bit sRGB photograph. Only pixels with the value 255 in `valid`, which has the same size, count; the dataset
+    /// excludes the others (anonymised faces, for instance).
     pub fn of(image: RgbImage, valid: Option<&GrayImage>) -> Self {
         let valid = valid.and_then(valid_mask);
         Self { image, valid }
@@ -240,7 +240,7 @@ fn scored(
         .collect()
 }
 
-/// Share of the picture's pixels that are inside the mask; `None` if the mask has no pixels.
+/// Share of the pixels that are inside the mask; `None` if the mask has no pixels.
 fn share(mask: &Mask) -> Option<f64> {
     let inside = mask.values().iter().filter(|inside| **inside).count();
     let all = mask.values().len();

@@ -43,7 +43,7 @@ impl Scoring {
     /// Like [`new`](Self::new), with options for the scorer.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// Those of [`new`](Self::new).
     pub fn with_options(
         selection: &Selection,
         weights: &Weights,

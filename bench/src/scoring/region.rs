@@ -25,7 +25,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// The whole of a picture of the given width and height.
+    /// The region that is a whole picture of the given width and height.
     pub fn whole((width, height): (u32, u32)) -> Self {
         Self {
             x: 0,

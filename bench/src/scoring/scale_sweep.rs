@@ -2,8 +2,8 @@
 //! SVC).
 //!
 //! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS score": the method
-//! renders each pair at several scales of the scene, and the picture closest to the target under DISTS is scored.
-//! This choice uses the target, which reports state next to the numbers.
+//! renders each pair at several scales of the scene, and the picture closest to the target under DISTS is scored. This
+//! choice uses the target, so reports mention it next to the numbers.
 
 use sharp_metrics::{MetricKey, Picture, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 

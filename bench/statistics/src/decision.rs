@@ -24,7 +24,7 @@ pub enum Verdict {
     Worse,
     /// No difference: the sides are equal, or the interval lies within the practical threshold.
     None,
-    /// The data do not decide.
+    /// The data do not allow a decision.
     Inconclusive,
 }
 

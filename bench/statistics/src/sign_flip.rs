@@ -5,8 +5,8 @@ use rayon::prelude::*;
 use crate::clusters::Clusters;
 use crate::resampling::Resampling;
 
-/// Maximum number of clusters whose sign patterns are enumerated rather than sampled. A pattern and its negative give one
-/// statistic, so these are 2¹³.
+/// Maximum number of clusters whose sign patterns are enumerated rather than sampled. A pattern and its negative give the
+/// same statistic, so at most 2¹³ patterns are computed.
 pub(crate) const MAX_ENUMERATED: usize = 14;
 
 /// Sign-flip test of the clusters' differences. It is exact if each cluster's sum of (difference −

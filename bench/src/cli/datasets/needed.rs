@@ -151,8 +151,7 @@ fn needed(list: &PairList, name: &str, spec: Option<&DatasetSpec>) -> Needed {
     }
 }
 
-/// The folder to which names in a list are relative: the dataset's, or if the dataset is a file,
-/// the file's folder.
+/// The folder that names in a list are relative to: the dataset's, or the parent folder if the dataset is a file.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if path.is_file() => folder.to_owned(),
@@ -161,8 +160,8 @@ fn folder_of(path: &Path) -> PathBuf {
 }
 
 /// The views that the reader finds, by scene and view, with the depth and masks that a `transforms.json` lists or that
-/// are named like their picture. Empty for an incomplete dataset, which cannot be opened yet. Stereo pairs are left out:
-/// their layout already lists every file that is needed.
+/// are named like their picture. Empty for an incomplete dataset, which cannot be opened yet. Stereo pairs are left
+/// out, because their layout already lists every file that is needed.
 fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     let multi_view = scenes
         .iter()
@@ -174,8 +173,8 @@ fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     views.collect()
 }
 
-/// Replaces a list of ScanNet++ by the list of the requested split; `None` if the whole dataset is
-/// requested.
+/// Replaces the list files of ScanNet++ by that of the requested split. `None` if the split is the whole dataset, which
+/// needs no list.
 fn of_split(mut file: RequiredFile, split: Option<&str>) -> Option<RequiredFile> {
     if let (FileRole::List, Some(split)) = (file.role, split)
         && file.path.starts_with("splits/")

@@ -189,7 +189,8 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Warnings about all pairs together, one sentence each. `order`: which pictures are compared with which targets.
+/// Warnings about all pairs together, one sentence each. `order` says with which other targets some predictions are
+/// compared.
 fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>>) -> Vec<String> {
     let changes: Vec<_> = scored
         .iter()

@@ -56,7 +56,8 @@ pub(super) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Whether the network has to estimate the focal length: neither the user nor a 35 mm equivalent in the file gives it.
+/// Whether the network has to estimate the focal length, because neither the user nor a 35 mm equivalent in the file
+/// states it.
 fn is_estimated(photo: &Photo) -> bool {
     matches!(
         photo.focal_source,

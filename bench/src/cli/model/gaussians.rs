@@ -326,7 +326,7 @@ fn marks_in_words(marks: &FileMarks) -> Vec<&'static str> {
 }
 
 fn info(ply: &Path, given: &ReadingArgs, json: bool) -> anyhow::Result<Outcome> {
-    // The output does not depend on the blending space, and this one accepts every file.
+    // The blending space does not affect the output; choose one that accepts every file.
     let reading = StoredForm {
         blending: ColorSpace::Srgb,
         ..given.reading()

@@ -27,7 +27,7 @@ pub(crate) struct RecordArgs {
     /// Name of the recording within the file [default: the photograph's stem]
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
-    /// Write stages with at most this many values completely
+    /// Write all values of a stage if there are at most this many
     #[arg(long, value_name = "N")]
     whole_up_to: Option<usize>,
     /// File to write

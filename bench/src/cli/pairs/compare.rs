@@ -99,7 +99,7 @@ impl Display for ComparedLists<'_> {
     }
 }
 
-/// Lists the first items of a kind, and how many more there are.
+/// Writes the first items of a kind, and how many more there are.
 fn write_some<T>(
     f: &mut Formatter<'_>,
     head: &str,

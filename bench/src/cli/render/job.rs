@@ -170,7 +170,7 @@ impl<'a> RenderJob<'a> {
         Ok(())
     }
 
-    /// Renders on this thread and writes on another, one view behind; so two views are in memory.
+    /// Renders on this thread and writes on another, which is one view behind, so two views are in memory.
     fn draw(
         &self,
         renderer: &mut BatchRenderer,

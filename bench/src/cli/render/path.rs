@@ -31,8 +31,8 @@ pub(super) struct PathArgs {
 }
 
 impl PathArgs {
-    /// The pose of each frame, as a map from the photograph's camera to the frame's. The scene is
-    /// placed by `camera_from_scene`. `None` without a path.
+    /// The pose of each frame, which maps from the photograph's camera to the frame's. The scene is placed by
+    /// `camera_from_scene`. `None` without a path.
     pub(super) fn poses(
         &self,
         scene: &Gaussians,

@@ -55,7 +55,7 @@ pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The backbones and other releases in a list of names, each once.
+/// The backbones and other releases that a list of names stands for, each once.
 fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, Vec<Release>)> {
     let mut backbones = BTreeSet::new();
     let mut releases = vec![Release::official(), Release::resnet50dilated()];
@@ -75,8 +75,8 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, Vec<Release>)
     Ok((backbones, releases))
 }
 
-/// Downloads a backbone's features into the cache; if they are already present, only if the
-/// backbone was named explicitly. Returns their location.
+/// Downloads a backbone's features into the cache and returns their location. If they are already on this machine, they
+/// are fetched only if the backbone was named explicitly.
 fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyhow::Result<Value> {
     let by_name = args.names.iter().any(|name| name == backbone.name());
     let at_hand = Weights::at_hand();

@@ -10,7 +10,7 @@ use super::prediction_file::{read_prediction, write_prediction};
 use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::methods::{GaussianPrediction, MethodError};
 
-/// Predictions, identified by keys: in memory up to a limit, the others on disk until the run ends.
+/// Predictions, identified by keys. They are held in memory up to a limit; the others are on disk until the run ends.
 pub(in crate::evaluate) struct GaussianStore {
     /// Folder for predictions that are kept after the run, if any.
     kept: Option<PathBuf>,

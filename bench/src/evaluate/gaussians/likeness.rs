@@ -104,12 +104,12 @@ impl Sums {
         self.pp - 2.0 * self.pr + self.rr
     }
 
-    /// Summed variance of the photograph.
+    /// Sum of squared deviations of the photograph from its mean.
     fn variance(self) -> f64 {
         self.pp - self.p * self.p / self.n
     }
 
-    /// Sum of squared differences after scaling and offsetting the rendering for the best fit.
+    /// Sum of squared differences that remain after the linear fit of the rendering to the photograph.
     fn residual(self) -> f64 {
         let covariance = self.pr - self.p * self.r / self.n;
         let of_rendering = self.rr - self.r * self.r / self.n;
@@ -185,7 +185,7 @@ impl Likeness {
         Self { blocks, total }
     }
 
-    /// The comparison over the pixels of both.
+    /// Merges two comparisons into one over the pixels of both.
     pub(in crate::evaluate) fn joined(&self, other: &Self) -> Self {
         let total = [&self.total, &other.total];
         Self {
@@ -269,13 +269,13 @@ impl Likeness {
         self.is_nearer_than(other) && self.gains(other, [share; 2], MARGIN / 2.0, SIGNIFICANCE_FREE)
     }
 
-    /// Whether its squared error is significantly smaller.
+    /// Whether this picture's squared error is significantly smaller than that of `other`.
     pub(in crate::evaluate) fn is_nearer_than(&self, other: &Self) -> bool {
         self.gains(other, [|e| e.error; 2], MARGIN, SIGNIFICANCE)
     }
 
-    /// Whether its squared error is significantly smaller than that of `other` after fitting the brightness and
-    /// contrast of `other`.
+    /// Whether this picture's squared error is significantly smaller than that of `other` even after fitting the
+    /// brightness and contrast of `other`.
     pub(in crate::evaluate) fn is_nearer_than_exposed(&self, other: &Self) -> bool {
         self.gains(
             other,
@@ -285,8 +285,8 @@ impl Likeness {
         )
     }
 
-    /// Whether its squared error is at most slightly larger than that of `other` after fitting the brightness and
-    /// contrast of `other`.
+    /// Whether this picture's squared error is at most slightly larger than that of `other` after fitting the
+    /// brightness and contrast of `other`.
     pub(in crate::evaluate) fn is_as_near_as_exposed(&self, other: &Self) -> bool {
         self.error() <= MAX_ABOUT_EQUAL * Errors::of(other.total).residual
     }

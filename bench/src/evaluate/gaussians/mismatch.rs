@@ -80,8 +80,9 @@ impl Trial<'_> {
         Ok(best)
     }
 
-    /// A rotation of the quaternions, in degrees, with which Gaussians match significantly better: one that was applied
-    /// to the means only, or that is part of the reading.
+    /// Tries to turn the quaternions by each of [`Self::turns`]. Returns the angle, in degrees, of the turn that
+    /// matches best, if it is significantly better than `as_read`: the rotation was probably applied to the means
+    /// alone.
     pub(in crate::evaluate) fn other_turn(
         &self,
         gaussians: &Gaussians,
@@ -132,8 +133,8 @@ impl Trial<'_> {
         Ok(fit.filter(|fit| fit.is_better_than(as_read)))
     }
 
-    /// Rotations of the placement as a whole, of the source's pose and of `transform=`, each in both directions, and
-    /// half turns about the axes.
+    /// Rotations to try: that of the whole placement, of the source's pose and of `transform=`, each in both
+    /// directions, and half turns about the axes.
     fn turns(&self, placement: Placement) -> Vec<DQuat> {
         let rigid = Placement {
             shift: [0.0; 2],

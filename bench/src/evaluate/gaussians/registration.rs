@@ -30,8 +30,8 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
             break;
         }
     }
-    // Along each axis, the vertex of the parabola through three errors. If two errors are equal, it
-    // is half a pixel from either.
+    // For each axis, take the vertex of the parabola through three errors. If two of the errors are equal, the vertex
+    // is midway between them, half a pixel from either.
     [0, 1].map(|axis| {
         let [before, at, after] = [-1, 0, 1].map(|step| {
             let mut near = best;
@@ -44,8 +44,8 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
     })
 }
 
-/// The horizontal and vertical factors by which `picture` must be enlarged about `center` (pixels) to match: a common
-/// factor, raised to the powers `along`. `None` if both are about 1.
+/// The horizontal and vertical factors by which `picture` must be enlarged about `center` (in pixels) to match the
+/// photograph. Both are powers of a common factor, with the exponents `along`. `None` if both are about 1.
 pub(in crate::evaluate) fn zoom(
     photograph: &RgbImage,
     picture: &RgbImage,

@@ -1,4 +1,5 @@
-//! Tries other readings of a Gaussian file on a small part of its source photograph.
+//! Tries other readings of a Gaussian file on a small part of its source photograph. A reading is an interpretation of
+//! the file's numbers and of its space, see [`FileReading`].
 
 use glam::{DAffine3, DVec3};
 use image::RgbImage;
@@ -26,28 +27,27 @@ const MAX_LAYERS: f64 = 3000.0;
 const MIN_SOURCE_GAIN_DB: f64 = 0.25;
 /// A form of the numbers is ruled out if it loses this much in the source, in dB.
 const RULED_OUT_LOSS_DB: f64 = 1.0;
-/// [`RULED_OUT_LOSS_DB`] for logarithms of opacities: the stored values are strong evidence for them, and the source
-/// hardly any against.
+/// [`RULED_OUT_LOSS_DB`] for reading opacities as logarithms: the stored values themselves are strong evidence for
+/// this, and the rendering of the source can hardly contradict it.
 const RULED_OUT_LOSS_OF_LOG_DB: f64 = 3.0;
 /// Errors in other views may grow by at most this factor.
 const MAX_ERROR_ELSEWHERE: f64 = 1.1;
 /// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because other views must confirm it.
 const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
-/// A shift with this gain in the source needs no confirmation, dB: in other views, poor Gaussians hardly change with a
-/// shift of half a pixel.
+/// A shift that gains at least this in the source, in dB, need not be confirmed in other views, where a shift of half a
+/// pixel hardly changes poor Gaussians.
 const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 2.0;
-/// From this gain on, another form of colours is better, in dB. Forms of colours may differ only in brightness and
-/// contrast.
+/// Another form of colours is preferred only if it gains at least this, in dB, because forms of colours may differ
+/// merely in brightness and contrast.
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
 /// [`MIN_RECOLORED_GAIN_DB`] for a form whose brightness and contrast are already the best fit.
 const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
-/// A change of the focal length is small below this, relatively, and needs [`MIN_SMALL_ZOOM_GAIN_DB`]: Gaussians with a
-/// wrong shape may fit better by chance if they are slightly enlarged.
+/// Changes of the focal length by less than this fraction count as small and must gain [`MIN_SMALL_ZOOM_GAIN_DB`]:
+/// slight enlargement may improve the fit of wrongly shaped Gaussians by chance.
 const SMALL_ZOOM: f64 = 0.05;
 /// A small change of the focal length must gain at least this, in dB.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
-/// Standard deviations may be logarithms to the base of 10 only if more than this many Gaussians cover a pixel on
-/// average.
+/// Standard deviations may be base-10 logarithms only if more than this many Gaussians cover a pixel on average.
 const WIDE_LAYERS: f64 = 500.0;
 /// Gaussians that cover at least this share of another view count as showing that whole view.
 const MIN_WHOLE_COVERAGE: f64 = 0.7;
@@ -244,10 +244,11 @@ impl Trial<'_> {
             || is_rare && gain > -RULED_OUT_LOSS_OF_LOG_DB)
     }
 
-    /// The reading that explains the photograph best, if it is significantly better than `as_read`, in this part alone
-    /// or together with `neighbours` (other views of the scene), and no worse in these. They also decide between
-    /// several readings, because wrongly rotated Gaussians may cover their own source better than correct ones. `moves`
-    /// align the rendering. If `is_lost`, the rendering shows nothing, and all axes are tried.
+    /// Searches for a reading that explains the photograph significantly better than `as_read`, in this part alone or
+    /// together with `neighbours` (other views of the scene), and no worse in these; returns the best. The neighbours
+    /// also decide between several better readings, because wrongly rotated Gaussians may cover their own source better
+    /// than correct ones. `moves` align the rendering. `is_lost` says that the rendering shows nothing; all axes are
+    /// then tried.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
@@ -375,8 +376,8 @@ impl Trial<'_> {
         Ok((other != *reading).then_some((other, fit)))
     }
 
-    /// Reverts each changed setting without which the reading is not significantly worse, as it only compensates for
-    /// another one.
+    /// Reverts each changed setting that is not needed: without it, the reading is not significantly worse, so it only
+    /// compensated for another setting.
     fn simplest(
         &self,
         gaussians: &Gaussians,
@@ -486,9 +487,9 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
     all
 }
 
-/// Alternative interpretations of the stored numbers. Logarithms to the base of 10 are tried only if `is_wide`: if read
-/// as natural logarithms, they give Gaussians so wide that many cover each pixel. Other Gaussians would shrink to their
-/// centres, which may resemble the source.
+/// Alternative interpretations of the stored numbers. Base-10 logarithms are tried only if `is_wide`: read as natural
+/// logarithms, they give Gaussians so wide that many cover each pixel. Gaussians that are not that wide would shrink to
+/// mere centres, which may resemble the source by chance.
 fn numbers(current: &FileReading, stored: &Gaussians, is_wide: bool) -> Vec<FileReading> {
     let mut all = Vec::new();
     let mut add = |change: &dyn Fn(&mut FileReading)| {

@@ -4,8 +4,8 @@
 //! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendering into
 //! the source's own camera reveals all of these except a scale about that camera, so the rendered
 //! depth is recorded too. For external files, other readings are tried (`add_doubts`) for three
-//! sources of each dataset, which depend only on the list of pairs; this costs as much as some
-//! small pictures.
+//! sources of each dataset, chosen by the list of pairs alone. This costs about as much as rendering
+//! a few small pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
@@ -51,10 +51,10 @@ const MIN_VALID: f64 = 0.95;
 const RIGHT_DB: f64 = 38.0;
 /// A setting that gains less than this may only compensate for wrong standard deviations, in dB.
 const WEAK_DB: f64 = 3.0;
-/// Contrast, relative to the photograph, of colours whose coefficients were multiplied by the constant harmonic, 0.282,
-/// instead of divided by it: its square, 0.08.
+/// Contrast relative to the photograph if colour coefficients were multiplied by the constant harmonic (0.282) instead
+/// of divided by it. The expected value is 0.282², or 0.08.
 const SQUARED_CONSTANT: RangeInclusive<f64> = 0.06..=0.1;
-/// From this share of empty pixels on, Gaussians may have been removed.
+/// Gaussians may have been removed if at least this share of the pixels is empty.
 const MIN_HOLES: f64 = 0.02;
 /// Other readings are tried only on photographs with at least this many pixels; smaller ones do not show a Gaussian's
 /// shape.
@@ -246,13 +246,13 @@ struct Findings<'a> {
     /// Start of each sentence: how well the Gaussians, as read, reproduce the photograph.
     shown: String,
     as_read: Likeness,
-    /// [`Self::as_read`], but of a rendering of the part alone, like all other readings.
+    /// Like `as_read`, but of a rendering of this part alone, as for all other readings.
     compared: Likeness,
     better: Option<(FileReading, Likeness)>,
     other: Option<OtherView<'a>>,
-    /// Rotation of the quaternions in degrees, and the comparison after it.
+    /// Rotation of the quaternions, in degrees, that matches significantly better, and the comparison after it.
     turned: Option<(f64, Likeness)>,
-    /// Comparison under the inverse of the source's pose.
+    /// Comparison under the inverse of the source's pose, if it is significantly better.
     inverse: Option<Likeness>,
     missing: Option<f64>,
     holes: f64,
@@ -335,7 +335,7 @@ impl<'a> Findings<'a> {
         Ok(found)
     }
 
-    /// Whether a comparison is closer than those with another reading, another view and turned quaternions.
+    /// Whether a comparison is closer than those with another reading, another view or turned quaternions.
     fn is_best(&self, fit: &Likeness) -> bool {
         let better = self.better.iter().map(|(_, fit)| fit);
         let turned = self.turned.iter().map(|(_, fit)| fit);

@@ -17,7 +17,7 @@ pub(super) struct ProgramLog {
     len: u64,
     /// Bytes cut out since the log was opened.
     cut: u64,
-    /// Length of the line that reports the cut, which follows the beginning.
+    /// Length of the line that reports the cut. The line follows the kept beginning.
     note: u64,
 }
 

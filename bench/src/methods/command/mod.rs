@@ -80,7 +80,7 @@ struct State {
 const STARTS: usize = 3;
 
 impl Command {
-    /// Default of `timeout=`, in seconds. Includes the program's start.
+    /// Default of `timeout=`, in seconds. It includes the time for starting the program.
     const TIMEOUT_SECS: u64 = 600;
 
     /// Parses the options; the program is started at the first prediction.
@@ -216,7 +216,7 @@ impl Command {
     }
 }
 
-/// Warnings about files that may change undetected.
+/// Warnings about files whose changes may go unnoticed.
 fn notes_of(files: &NamedFiles) -> Vec<String> {
     let absent = files.absent.iter().map(|word| {
         format!(

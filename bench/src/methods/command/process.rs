@@ -265,7 +265,8 @@ fn shell(run: &str) -> Command {
     command
 }
 
-/// Starts a process that kills a process group if this process dies: its standard input then ends without a line.
+/// Starts a watchdog that kills the process group `group` if this process dies. The watchdog's standard input then ends
+/// without a line.
 #[cfg(unix)]
 fn watchdog(group: u32) -> io::Result<Child> {
     use std::os::unix::process::CommandExt;

@@ -15,9 +15,9 @@ use crate::pairs::overlap::{OverlapOptions, overlap};
 use crate::pairs::overlap_cache::{DepthFacts, Overlaps, SceneOverlaps};
 use crate::pairs::valid_depth::density;
 
-/// Peak memory while reading a view's depth, in maps of its size: the unpacked file as 64-bit numbers (two maps) and
-/// the resulting map. Later steps hold only two. Excludes a scan shared by all views, and for predicted depth, the
-/// prediction and its ratios to sparse depth.
+/// Peak memory while reading a view's depth, as a multiple of the map's own size: the unpacked file as 64-bit numbers
+/// takes two, and the resulting map one. Later steps hold only two. Not included are a scan shared by all views and,
+/// for predicted depth, the prediction and its ratios to sparse depth.
 const COPIES_WHILE_READING: u64 = 3;
 
 /// Index of a view whose depth could not be read, and the error.
@@ -54,7 +54,7 @@ impl<'a> Measuring<'a> {
         self.learnt.get()
     }
 
-    /// Measures all unknown overlaps between two views of a set whose baseline qualifies. Depth is loaded in blocks,
+    /// Measures the unknown overlaps of all pairs of views in a set whose baseline qualifies. Depth is loaded in blocks,
     /// two of which fit into memory; usually one block suffices, and each view is read once.
     pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
@@ -98,7 +98,7 @@ impl<'a> Measuring<'a> {
         failures
     }
 
-    /// Couples (a, b), a < b, of one view from each block, whose overlap is unknown.
+    /// Pairs of views (a, b) with a < b, one from each block, whose overlap is unknown.
     fn unknown_couples(
         &self,
         first: &[usize],
@@ -198,7 +198,7 @@ impl<'a> Measuring<'a> {
         }
     }
 
-    /// Measures the couples of views whose depth is loaded.
+    /// Measures the pairs of views whose depth is loaded.
     fn between(
         &self,
         couples: &[(usize, usize)],

@@ -16,7 +16,8 @@ use super::overlap_cache::OverlapCache;
 use super::sampling::sample;
 use super::{Pair, PairError};
 
-/// Inputs of pair building other than scenes and options. Only the source of depth can change a pair.
+/// Inputs of pair building other than scenes and options. Among them, only the source of depth affects which pairs are
+/// built.
 #[derive(Clone)]
 pub struct BuildContext<'a> {
     pub depth: &'a dyn DepthSource,
@@ -31,12 +32,13 @@ pub struct BuildContext<'a> {
     pub hash_photographs: bool,
     /// Called after each scene with the number of scenes done and in total.
     pub progress: &'a dyn Fn(usize, usize),
-    /// Whether to stop; called from any thread, before each depth map, overlap and photograph.
+    /// Returns whether to stop. Called from any thread, before each depth map, overlap and photograph.
     pub stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl Default for BuildContext<'_> {
-    /// Ground-truth depth in at most 2 GiB, file names unchanged, photographs hashed, no cache, no progress.
+    /// The defaults: ground-truth depth in at most 2 GiB, file names unchanged, photographs hashed, no cache, no
+    /// progress.
     fn default() -> Self {
         Self {
             depth: &GroundTruthDepth,
@@ -57,7 +59,7 @@ pub struct PairBuild {
     /// Qualified pairs, sorted bytewise by id.
     pub pairs: Vec<Pair>,
     pub summaries: BTreeMap<String, PairCounts>,
-    /// Files that could not be read, without repetition.
+    /// Files that could not be read, each listed once.
     pub problems: Vec<Problem>,
 }
 

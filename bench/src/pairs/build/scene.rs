@@ -274,7 +274,7 @@ impl<'a> SceneWork<'a> {
     }
 }
 
-/// An unselected row for two views of a scene. Measures no overlap and reads no photograph.
+/// An unselected row of the pair list for two views of a scene. Measures no overlap and reads no photograph.
 pub(in crate::pairs) fn row(
     scene: &Scene,
     source: usize,

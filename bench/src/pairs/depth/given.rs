@@ -19,9 +19,9 @@ const PNG_UNIT_M: f64 = 0.001;
 
 /// Reads `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`, each part percent-encoded as in pair ids.
 ///
-/// The maps are z-depth (neither disparity nor ray length) of the pictures as scored, as written by `cameras export`:
+/// The maps are z-depth (neither disparity nor ray length) for the scored pictures, which `cameras export` writes:
 /// floats in metres, or 16-bit PNG in millimetres. Values that are not finite or not positive mean no depth. A map of
-/// another size with the same aspect is resized to the picture by nearest value.
+/// another size with the same aspect ratio is resized to the picture by nearest-pixel sampling.
 #[derive(Debug, Clone)]
 pub struct GivenDepth {
     dir: PathBuf,
@@ -37,7 +37,7 @@ impl GivenDepth {
         })
     }
 
-    /// Number of views of the scenes that have a map, and one SHA-256 over all these maps and their names.
+    /// The number of views that have a map, and one SHA-256 over all these maps and their names.
     ///
     /// # Errors
     /// [`PairError::Depth`] if a view has two maps, [`PairError::File`] if a map cannot be read.
@@ -87,7 +87,7 @@ pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
 /// A file's z-depth in metres, at its own resolution; 0 where unknown.
 ///
 /// # Errors
-/// Names the file.
+/// The error names the file.
 pub fn read_metres(file: &Path) -> Result<DepthMap, PairError> {
     let mut map = read_map(file)?;
     let is_png = file.extension().is_some_and(|e| e == "png");

@@ -49,7 +49,7 @@ impl DepthSource for GroundTruthDepth {
     }
 }
 
-/// Dense predicted depth, scaled by the median of the ratios of the dataset's sparse depth to it, as in the paper for
+/// Dense predicted depth, scaled to the dataset's sparse depth by the median of their ratios, as in the paper for
 /// ETH3D.
 #[derive(Debug, Clone)]
 pub struct ScaledToGroundTruth<S>(
@@ -91,12 +91,12 @@ pub struct PosedDepth {
 }
 
 impl PosedDepth {
-    /// Combines a view's camera with depth of its image's size.
+    /// Combines a view's camera with a depth map of the size of its image.
     pub fn of_view(view: &View, depth: DepthMap) -> Result<Self, PairError> {
         Self::new(&view.id, view.intrinsics, view.camera_from_world, depth)
     }
 
-    /// Combines a camera with depth of its image's size. `what` names the view in errors.
+    /// Combines a camera with a depth map of the size of its image. `what` names the view in errors.
     pub fn new(
         what: &str,
         intrinsics: Intrinsics,
@@ -131,8 +131,8 @@ impl PosedDepth {
         &self.depth
     }
 
-    /// The same view with its longer side reduced to `max_side` pixels by nearest-pixel sampling; unchanged if it is
-    /// not longer.
+    /// The same view with its longer side reduced to `max_side` pixels by nearest-pixel sampling. A view that is not
+    /// longer is returned unchanged.
     #[must_use]
     pub fn reduced(self, max_side: u32) -> Self {
         let (w, h) = self.depth.dimensions();

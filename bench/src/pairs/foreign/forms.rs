@@ -57,7 +57,7 @@ struct SevaSplit {
     test_ids: Vec<FrameName>,
 }
 
-/// A list of positions; null gives an explanatory error.
+/// A list of positions; null is rejected with an error that explains what to write instead.
 fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<FrameName>, D::Error> {
     let places: Option<Vec<u32>> = Option::deserialize(deserializer)?;
     let places = places.ok_or_else(|| {
@@ -73,7 +73,7 @@ pub(super) struct NamedPair {
     pub(super) scene: Option<String>,
     pub(super) source: FrameName,
     pub(super) target: FrameName,
-    /// The highest position that the entry names, used or not.
+    /// The highest position that the entry names, even if it is not used.
     pub(super) last: Option<FrameName>,
 }
 
@@ -191,8 +191,8 @@ pub(super) fn counts(entries: &[Entry]) -> ForeignCounts {
 }
 
 impl Entry {
-    /// The pairs in order. If an entry has several inputs, `context` chooses one for each target. If it has three kinds
-    /// of targets, only those of kind `slot` are returned.
+    /// The pairs in order. If an entry has several inputs, `context` chooses one for each target. If its targets are of
+    /// three kinds, only those of kind `slot` are returned.
     pub(super) fn pairs(
         &self,
         form: ListForm,

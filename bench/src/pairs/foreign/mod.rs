@@ -25,8 +25,8 @@ use crate::io::atomic_files::FileError;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ListForm {
-    /// pixelSplat, MVSplat, DepthSplat, LVSM: JSON that maps each scene to context and target
-    /// positions, or null
+    /// pixelSplat, MVSplat, DepthSplat, LVSM: JSON that maps each scene to null or to the positions of its context and
+    /// target views
     Index,
     /// Flash3D: one line `key source +5 +10 random` of positions per source
     Flash3d,
@@ -34,7 +34,7 @@ pub enum ListForm {
     Mine,
     /// UniSHARP: lines `scene|source|target,…`, with one or two more fields in some datasets
     Unisharp,
-    /// Stable Virtual Camera: JSON with train_ids and test_ids of one scene, positions
+    /// Stable Virtual Camera: JSON with the positions train_ids and test_ids of one scene
     Seva,
 }
 
@@ -48,8 +48,7 @@ pub enum Context {
     /// The second
     #[value(name = "1")]
     Second,
-    /// For each target, the context view at the nearest position; of two equally near ones, the
-    /// first
+    /// For each target, the context view at the nearest position, or the first of two equally near ones
     Nearest,
 }
 

@@ -167,7 +167,7 @@ impl PairOptions {
         overlap > self.threshold || (self.threshold_qualifies && overlap == self.threshold)
     }
 
-    /// Whether a pair qualifies whose cameras are `metres` apart.
+    /// Whether a pair whose cameras are `metres` apart qualifies.
     pub fn baseline_qualifies(&self, metres: f64) -> bool {
         metres >= self.min_baseline_m && self.max_baseline_m.is_none_or(|most| metres <= most)
     }
@@ -274,7 +274,7 @@ impl PairOptions {
         choices.map(|(key, choice)| (key, choice.text())).collect()
     }
 
-    /// Help on every key: its values, default and meaning, two lines per key, indented by two blanks.
+    /// Help on every key: its values, default and meaning, two lines per key, indented by two spaces.
     pub fn help() -> String {
         let mut options = Self::default();
         let choices = options.choices().into_iter().zip(MEANINGS);

@@ -24,8 +24,8 @@ fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {
 /// The paper's maximum number of pairs per dataset.
 const LIMIT: usize = 512;
 
-/// Keys whose values are known to differ from the paper for any of the kinds of datasets in `kinds`, given the number
-/// of selected pairs. Sorted as in the text form.
+/// Keys, in the order of the text form, whose values are known to differ from the paper for at least one of the kinds
+/// of datasets in `kinds`, given the number of selected pairs.
 fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec<&'static str> {
     let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::Stereo);
     // A limit that excluded no pair is equivalent to the paper's.

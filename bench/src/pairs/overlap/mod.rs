@@ -12,7 +12,8 @@ use rayon::prelude::*;
 use super::depth::PosedDepth;
 use super::valid_depth::is_valid_depth;
 
-/// Condition for a projected pixel to count as seen, besides lying in front of the other camera and inside its image.
+/// Condition for a projected pixel to count as seen; it must also lie in front of the other camera and inside its
+/// image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OverlapTest {
     Frustum,
@@ -47,8 +48,8 @@ impl OverlapTest {
 pub enum DepthLookup {
     /// The pixel that contains the position.
     Nearest,
-    /// Interpolation between the four surrounding pixel centres, with the border repeated; unseen unless all four are
-    /// valid.
+    /// Interpolation between the four surrounding pixel centres, with the border repeated. The pixel is unseen unless
+    /// all four are valid.
     Bilinear,
     /// All valid pixels within this many rows and columns of the position's pixel; one that agrees suffices. For sparse
     /// depth, where a single pixel rarely has a value.

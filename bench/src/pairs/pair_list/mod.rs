@@ -62,10 +62,10 @@ impl PairList {
         Self::parse(path, &bytes)
     }
 
-    /// As [`Self::read`], from bytes; `path` is only used in errors.
+    /// Like [`Self::read`], but from bytes; `path` is only used in errors.
     ///
     /// # Errors
-    /// As [`Self::read`], except [`PairError::File`].
+    /// Those of [`Self::read`], except [`PairError::File`].
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, PairError> {
         let wrong = |line: u64, reason: String| PairError::List {
             path: path.to_owned(),
@@ -155,10 +155,10 @@ impl PairList {
         self.resolve_readable(scenes, &[])
     }
 
-    /// As [`Self::resolve`], but skips pairs of scenes and views that could not be read.
+    /// Like [`Self::resolve`], but skips pairs of scenes and views that could not be read.
     ///
     /// # Errors
-    /// As [`Self::resolve`]; also for a scene that is excluded by a setting of its dataset.
+    /// Those of [`Self::resolve`]; also for a scene that is excluded by a setting of its dataset.
     pub fn resolve_readable<'a>(
         &'a self,
         scenes: &'a [Scene],

@@ -11,14 +11,14 @@ use crate::evaluate::record::Record;
 use crate::report::column::Column;
 use crate::report::tables::rank::rounded;
 
-/// Values that differ by less count as the same, computed in a different order.
+/// Values that differ by less count as the same value, computed in a different order.
 const SAME: f64 = 1e-9;
 
 /// Selection of the averaged pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SceneReading {
     All,
-    /// Of several scenes that show one place in different light, exposure or rectification, only the first.
+    /// If several scenes show one place in different light, exposure or rectification, only the first of them.
     OneAPlace,
 }
 

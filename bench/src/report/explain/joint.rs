@@ -7,7 +7,7 @@ use crate::evaluate::readings::PictureReading;
 
 use super::cells::{Averaging, CellExplanation, ReadingValue, SceneReading};
 
-/// A reading of all metrics: for each metric the nearest variant; everything else is the same for all metrics.
+/// One reading for all metrics of a dataset. Only the variant may differ: for each metric, it is the nearest one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointReading {
     pub column: &'static str,
@@ -17,7 +17,7 @@ pub struct JointReading {
     pub region: MetricRegion,
     /// For each metric of the table, the variant with its value and its distance to the published number.
     pub variants: Vec<Variant>,
-    /// The largest distance, in halves of the last printed digit; at most 1 if all metrics round to
+    /// The largest of the variants' distances, in halves of the last printed digit. At most 1 if all metrics round to
     /// the published numbers.
     pub farthest: f64,
 }
@@ -32,7 +32,8 @@ pub struct Variant {
     pub distance: f64,
 }
 
-/// All joint readings, sorted by dataset, then nearest first; readings with equal numbers appear once.
+/// All joint readings, sorted by dataset, then by increasing distance. Of readings with equal numbers, only the first
+/// is returned.
 pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
     let mut all = Vec::new();
     for cells in cells.chunk_by(|a, b| a.dataset == b.dataset) {

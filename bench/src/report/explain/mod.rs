@@ -34,7 +34,7 @@ const NAMED: usize = 4;
 pub struct Explanation {
     /// Cells, sorted by dataset, then in the order of the table's metrics.
     pub cells: Vec<CellExplanation>,
-    /// Joint readings, sorted by dataset, then nearest first.
+    /// Joint readings, sorted by dataset, then by increasing distance.
     pub joint_readings: Vec<JointReading>,
     /// Readings that were not computed, and why.
     pub absent: Vec<String>,
@@ -44,7 +44,7 @@ pub struct Explanation {
 pub struct ExplainedRun {
     pub path: PathBuf,
     pub method: String,
-    /// Row and table that it is compared with.
+    /// The published row, and the table that it is from.
     published: String,
     /// Number of the run's scores that differ when recomputed from its kept pictures, because
     /// weights or code changed.

@@ -10,7 +10,7 @@ use crate::evaluate::record::Record;
 use crate::evaluate::test_records::record;
 use crate::report::paper::published::metric;
 
-/// Scene 0 with two pairs and scene 1 with one, both of the same place; LPIPS with two networks.
+/// Scene 0 has two pairs and scene 1 has one; both show the same place. LPIPS is computed with two networks.
 fn readings() -> Readings {
     let of = |scene: usize, number: usize| Record {
         cluster: "place".into(),

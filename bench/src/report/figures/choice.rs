@@ -56,9 +56,9 @@ pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
-    /// Which pairs of each dataset to choose if --pair is not given, by the first metric: median, worst or best in the
-    /// mean of the ranked methods, or where METHOD loses most against OTHER (datasets where METHOD never loses are left
-    /// out)
+    /// Which pairs of each dataset to choose, by the first metric, unless --pair is given: the pairs with the median,
+    /// worst or best mean over the ranked methods, or those where METHOD loses most against OTHER (without datasets
+    /// where METHOD never loses)
     #[arg(
         long,
         value_name = "median|worst|best|loses:METHOD:OTHER",
@@ -70,7 +70,7 @@ pub struct PairsChoice {
     pub count: NonZeroUsize,
 }
 
-/// Targets of one source.
+/// The pairs of one source.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PathChoice {
     /// The source as DATASET/SCENE/VIEW, as in the ids of its pairs [default: the source with the most
@@ -82,7 +82,7 @@ pub struct PathChoice {
     pub count: NonZeroUsize,
 }
 
-/// The default is one pair per dataset.
+/// By default, one pair per dataset is chosen.
 impl Default for PairsChoice {
     fn default() -> Self {
         Self {
@@ -162,8 +162,8 @@ pub fn chosen<'a>(
     Ok(chosen)
 }
 
-/// At most `count` pairs of one source by increasing baseline, spread evenly from the nearest to the farthest. Without
-/// an id, uses the source with the most targets, or the first of several.
+/// At most `count` pairs of one source, sorted by baseline and spread evenly from the nearest to the farthest. Without
+/// an id, uses the first of the sources with the most targets.
 ///
 /// # Errors
 /// If no pair has this source, given as `dataset/scene/view` like the start of pair ids.

@@ -1,4 +1,4 @@
-//! Failures of a method with their depth: input, view and inverse depth side by side.
+//! Failures of a method, shown with their depth: input, view and inverse depth side by side.
 
 use std::path::Path;
 
@@ -15,9 +15,10 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::error::{MissingPicture, ReportError};
 use crate::report::error_map::false_colours;
 
-/// Input, view and inverse depth of each pair. Depth is read from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the
-/// target's camera, metres). Without a folder, uses the depth of the kept rendering, as in the paper; if none was kept,
-/// the dataset's depth of the target, or else of the source. The caption states which.
+/// A sheet with input, view and inverse depth of each pair. Depth is read from `DIR/<pair_id>.npy|npz|exr|pfm|png`
+/// (z-depth in the target's camera, in metres). Without a folder, it is the depth of the kept rendering, as in the
+/// paper. If no rendering was kept, it is the dataset's depth of the target, or else of the source. The caption states
+/// which.
 ///
 /// # Errors
 /// If there is not exactly one method, or the folder does not exist.
@@ -68,7 +69,7 @@ fn of_run(
     }
 }
 
-/// The dataset's depth of the target or else of the source, with a caption that states which.
+/// The dataset's depth of the target, or of the source if the target has none, with a caption that states which.
 fn of_dataset(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,
@@ -96,8 +97,8 @@ fn of_pair(folder: &Path, chosen: &ChosenPair<'_>) -> Result<DepthMap, MissingPi
     read_metres(&file).map_err(|error| unusable(error.to_string()))
 }
 
-/// Inverse depth in false colours from the 0.1th to the 99.9th percentile, near in bright colours;
-/// grey without depth.
+/// Inverse depth in false colours from the 0.1th to the 99.9th percentile. Near pixels are bright; pixels without depth
+/// are grey.
 pub(super) fn inverse_depth(depth: &DepthMap) -> RgbImage {
     let valid = depth.iter().copied().filter(|z| is_valid_depth(*z));
     let mut inverse: Vec<f32> = valid.map(|z| 1.0 / z).collect();

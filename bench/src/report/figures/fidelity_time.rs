@@ -26,7 +26,7 @@ pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
 /// A method's index, median seconds and mean score.
 type Placed = (usize, f64, f64);
 
-/// Seconds per prediction; empty for bundles, which have no times.
+/// Seconds per prediction, as recorded in the run. Bundles have no times, so theirs are left out.
 ///
 /// # Errors
 /// If a folder cannot be read.
@@ -68,7 +68,8 @@ impl SpeedSeconds {
     }
 }
 
-/// Plots the mean of a metric against the median seconds per pair, one panel per dataset; `None` if no method has both.
+/// Plots the mean of a metric against the median seconds per pair, one panel per dataset. `None` if no method has both
+/// a score and a time.
 ///
 /// # Errors
 /// If the drawing library fails.

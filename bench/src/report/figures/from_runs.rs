@@ -48,9 +48,10 @@ pub enum SheetKind {
     Qualitative(PairsChoice),
     /// One row per method, one column per pair.
     Ablation(PairsChoice),
-    /// As `Ablation`, for the targets of one source by increasing baseline.
+    /// Like `Ablation`, but with the targets of one source as columns, sorted by baseline.
     ExtendedMotion(PathChoice),
-    /// Input, view and inverse depth of one method. Depth is read from the folder, if given, else from the rendering.
+    /// Input, view and inverse depth of one method. Depth is read from the folder; without one, it is that of the
+    /// rendering.
     Failure(PairsChoice, Option<PathBuf>),
 }
 
@@ -100,11 +101,11 @@ pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure
     Ok(plots::histogram(&board, Some(style))?)
 }
 
-/// Plots a metric against seconds per pair, as measured by `speed` for the methods that it covers. `None` if no method
-/// has both.
+/// Plots a metric against seconds per pair. Times measured by `speed` are used for the methods that it covers. `None`
+/// if no method has both a score and a time.
 ///
 /// # Errors
-/// As [`baselines`](baselines()), and if the metric does not exist or a folder cannot be read.
+/// Those of [`baselines`](baselines()), and if the metric does not exist or a folder cannot be read.
 pub fn fidelity_time(
     results: &Results,
     metric: MetricKey,

@@ -2,9 +2,9 @@
 //!
 //! * [`catalogue`]: the list of figures, with contents and requirements; [`from_runs`]: makes plots and sheets from
 //!   results.
-//! * [`sheet`], `sheet_drawing`: pictures in rows and columns, with text below and enlarged parts; [`qualitative`]: predictions side by
-//!   side, as rows or as columns; [`choice`]: the pairs to show; [`failure`]: view and inverse depth; [`uncertainty`]:
-//!   depth compared with that of the mirrored picture.
+//! * [`sheet`], `sheet_drawing`: pictures in rows and columns, with text below and enlarged parts; [`qualitative`]:
+//!   predictions side by side, as rows or as columns; [`choice`]: the pairs to show; [`failure`]: view and inverse
+//!   depth; [`uncertainty`]: depth compared with that of the mirrored picture.
 //! * [`fidelity_time`]: scores against seconds per pair.
 
 pub mod catalogue;

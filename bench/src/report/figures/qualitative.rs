@@ -22,7 +22,7 @@ pub struct SheetContent<'a> {
     pub crops: Vec<Region>,
 }
 
-/// The pair of median difficulty of each dataset with the plotted methods, as PNG for a report. `None` if there are no
+/// A PNG for a report with the plotted methods on one pair of median difficulty per dataset. `None` if there are no
 /// pictures.
 ///
 /// # Errors
@@ -48,7 +48,7 @@ pub fn figure(
 }
 
 impl SheetContent<'_> {
-    /// One row per pair: input, predictions, and truth if any target has one.
+    /// One row per pair: the input, the predictions and, if any target has a picture, the truth.
     pub fn pairs_as_rows(&self) -> Sheet {
         let labels = self
             .methods
@@ -68,7 +68,8 @@ impl SheetContent<'_> {
         }
     }
 
-    /// One row per method, then the truth if any target has one. If all pairs share one input, it comes first.
+    /// One row per method, followed by the truth if any target has a picture. If all pairs share one input, it is shown
+    /// first.
     pub fn pairs_as_columns(&self, one_source: bool) -> Sheet {
         let row = |label: &str, tile: &dyn Fn(&ChosenPair<'_>) -> Tile| {
             (

@@ -44,7 +44,7 @@ impl SheetMedium {
         }
     }
 
-    /// Sizes for print: `columns` columns share the figure's width; there is no margin.
+    /// Sizes for print. `columns` columns share the figure's width; there is no margin.
     ///
     /// # Errors
     /// A message if text does not fit into the columns.

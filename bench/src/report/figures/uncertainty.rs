@@ -36,7 +36,7 @@ impl Mirrored {
     /// Reads two files.
     ///
     /// # Errors
-    /// Names the file that cannot be read or has no depth at all.
+    /// The error names the file that cannot be read or has no depth at all.
     pub fn read(depth: &Path, of_mirror: &Path) -> Result<Self, PairError> {
         let read = |file: &Path| {
             let map = read_metres(file)?;
@@ -75,9 +75,9 @@ impl Mirrored {
     }
 }
 
-/// Depth predicted by a checkpoint of Depth Pro, or both layers by one of SHARP (`mini` for the bundled one), for a
-/// picture and its mirror image. `config` is the architecture, `FILE.json#NAME`, by default the release's. No focal
-/// length is needed, because it scales both depths alike.
+/// Predicts the depth of a picture and of its mirror image with a checkpoint: one map for Depth Pro, both layers for
+/// SHARP (`mini` for the bundled one). `config` is the architecture, `FILE.json#NAME`, by default the release's. No
+/// focal length is needed, because it scales both depths alike.
 ///
 /// # Errors
 /// If the network cannot be read or does not accept the picture.
@@ -129,8 +129,8 @@ pub fn by_network(
     Ok(named.collect())
 }
 
-/// One row per pair of maps: picture, depth, depth of the mirrored picture mirrored back, and their difference with its
-/// median.
+/// One row per pair of maps: the picture, its depth, the depth of the mirrored picture (mirrored back), and their
+/// relative difference with its median.
 ///
 /// # Errors
 /// If two maps have different sizes, or no pixel has a depth in both.

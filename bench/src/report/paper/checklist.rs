@@ -294,7 +294,7 @@ fn whole_pictures(compared: &ChecklistInput<'_>, measured: &[&DatasetBoard<'_>])
         (
             "the best of several scales",
             match compared.paper.made_by {
-                // The paper sweeps scales in this table, which `privilege` states.
+                // The paper sweeps scales in this table, too; the condition from `privilege` says so.
                 MadeBy::PrivilegedRun => 0,
                 _ => count(|r| r.scale.is_some()),
             },

@@ -19,7 +19,7 @@ use super::published::PublishedTable;
 struct TablePage<'a> {
     title: &'a str,
     label: &'a str,
-    /// The table's HTML, already escaped by its own template.
+    /// HTML of the table, which its own template has already escaped.
     table: String,
 }
 

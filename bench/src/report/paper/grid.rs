@@ -18,7 +18,7 @@ use super::rows::{OwnRow, OwnRows, RowError};
 pub struct Beside {
     pub rows: Vec<OwnRow>,
     /// At most one variant per metric. For a metric that is not listed, the default variant is shown, or else the first
-    /// that all rows have.
+    /// variant that all rows have.
     pub metrics: Vec<MetricKey>,
     /// Whether to omit datasets for which the user has no number.
     pub only_measured: bool,
@@ -119,8 +119,8 @@ pub(super) fn with_rows(
     }
 }
 
-/// Puts the user's rows below the published ones, with the identities of the user's metrics. Datasets that are not in
-/// the paper come last.
+/// Puts the user's rows below the published ones. Columns keep the identities of the user's metrics, and datasets that
+/// are not in the paper come last.
 fn below(mut published: Table, own: Table) -> Table {
     let mut table = own;
     let none = Cell::dash();

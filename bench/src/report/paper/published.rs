@@ -13,8 +13,8 @@ use crate::report::tables::{Cell, Group, Origin, Row, Table};
 /// index of the `tabular` within the table, `value` the number as printed.
 const NUMBERS: &str = include_str!("../../../data/paper_tables.csv");
 
-/// Name, LaTeX label, source of rows, heading of rows and title of each table with results, in order of importance in
-/// the paper.
+/// Tables with results, in order of importance in the paper. Each has a name, LaTeX label, source of rows, heading of
+/// rows and title.
 const LIST: &str = include_str!("../../../data/paper_table_list.tsv");
 
 /// The method that the paper calls the strongest before its own.
@@ -45,12 +45,12 @@ pub struct PublishedTable {
     /// Heading above the rows' labels.
     pub row_head: &'static str,
     pub made_by: MadeBy,
-    /// Column groups; a single unnamed one if the table has no datasets.
+    /// Column groups; if the table has no datasets, a single one without a name.
     pub datasets: Vec<&'static str>,
     /// Columns within each group, by their names in the paper.
     pub metrics: Vec<&'static str>,
-    /// Row labels and printed numbers, `None` for a dash; the number of dataset d and metric m is
-    /// at `d * metrics.len() + m`.
+    /// Row labels and printed numbers, `None` for a dash. The number of dataset d and metric m is at
+    /// `d * metrics.len() + m`.
     pub rows: Vec<(&'static str, Vec<Option<&'static str>>)>,
 }
 
@@ -139,7 +139,7 @@ impl PublishedTable {
         cells[d * self.metrics.len() + m].and_then(number)
     }
 
-    /// The table reduced to some of its datasets; rows are marked as published and ranked among each other.
+    /// The table reduced to some of its datasets. Its rows are marked as published and ranked only among each other.
     pub fn table(&self, datasets: &[usize]) -> Table {
         let columns = self.columns();
         let rows = self.rows.iter().map(|(label, _)| Row {
@@ -313,8 +313,8 @@ pub(crate) fn metric(family: Family) -> Column {
     }
 }
 
-/// Relative reduction of a metric from the second of two rows to the first: the smallest and the largest over the
-/// datasets.
+/// How much the first of two rows reduces a metric relative to the second: the smallest and the largest reduction over
+/// the datasets, as fractions.
 fn gains(table: &PublishedTable, rows: [&str; 2], metric: &str) -> Option<(f64, f64)> {
     let gains = table.datasets.iter().filter_map(|dataset| {
         let [ours, other] = rows.map(|row| table.number(row, dataset, metric));

@@ -22,7 +22,7 @@ use super::published::{MadeBy, PublishedTable};
 /// Source of a row's numbers, `SOURCE[:METHOD]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RowSource {
-    /// A run folder or bundle, or the file that the table's rows are read from.
+    /// A run folder or bundle, or a file if the table's rows are read from one.
     pub path: PathBuf,
     /// Method to use, if the source has several.
     pub method: Option<String>,
@@ -70,7 +70,7 @@ pub enum RowError {
 impl std::str::FromStr for RowSource {
     type Err = Infallible;
 
-    /// The part after the last colon is a method, unless a path that includes it exists.
+    /// The part after the last colon is a method, unless the whole text is the path of something that exists.
     fn from_str(text: &str) -> Result<Self, Infallible> {
         let source = |path: &str, method: Option<&str>| Self {
             path: path.into(),
@@ -141,7 +141,7 @@ pub enum OwnRows {
     Scores(Box<Results>),
     /// Rows of a table that has no pairs, and its measured columns.
     Measured {
-        /// Datasets that are not in the table; their cells follow those of the table's datasets.
+        /// Datasets that are not in the paper's table; their cells follow those of its datasets.
         datasets: Vec<String>,
         columns: Vec<Column>,
         rows: Vec<Row>,
@@ -253,7 +253,8 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
     })
 }
 
-/// One row per checkpoint: the number of its parameters and, for SHARP's, of those that the paper trains.
+/// One row per checkpoint: the number of its parameters and, for SHARP's checkpoints, how many of them the paper
+/// trains.
 fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {
@@ -298,7 +299,7 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
         lines.retain(|line| line.method == method);
         read.push((row, lines));
     }
-    // The paper's name of the line's dataset, or else the user's name.
+    // The paper's name of the line's dataset, or the user's name if the paper has no such dataset.
     let place = |line: &SpeedLine| {
         let of_paper = column(&ReportDataset::of(&line.dataset, &line.format));
         let of_paper = of_paper.filter(|column| paper.datasets.contains(column));

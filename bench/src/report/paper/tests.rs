@@ -145,7 +145,8 @@ fn equal_numbers_as_shown_share_a_rank_and_each_list_is_named() {
     assert_eq!(ranks, [(Some(1), Some(1)), (Some(2), Some(1))]);
 }
 
-/// Ties, gaps, infinities, incomplete rows and a user's dataset. `SHARP_BENCH_BLESS=1` rewrites the expected files.
+/// The table has ties, gaps, infinities, incomplete rows and a user's dataset. `SHARP_BENCH_BLESS=1` rewrites the
+/// expected files.
 #[test]
 fn every_form_is_as_it_was() {
     let (table, paper) = (mixed(), published("psnr-ssim").unwrap());

@@ -24,7 +24,7 @@ pub struct SpeedLine {
 }
 
 impl SpeedLine {
-    /// Reads a file written by `speed`, or the one in a folder.
+    /// Reads a file written by `speed`, or the `speed.csv` in a folder.
     ///
     /// # Errors
     /// If it cannot be read, is not such a file, is empty, or has an impossible number.

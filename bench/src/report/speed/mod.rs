@@ -1,4 +1,4 @@
-//! Run time as tabulated in the paper, and a summary of the compute behind a paper's numbers.
+//! Run time as tabulated in the paper, and a summary of the computing time behind a paper's numbers.
 //!
 //! * [`spread`]: median and spread of rounds; [`tables`]: methods by datasets, and details of the times; [`compute`]:
 //!   hardware and hours of runs, from the times in their folders; [`lines`]: reads `speed.csv`.

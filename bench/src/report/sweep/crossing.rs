@@ -1,4 +1,4 @@
-//! The place beyond which a quantity is above zero, with a confidence interval.
+//! The position on the axis beyond which a quantity is above zero, with a confidence interval.
 
 use std::collections::BTreeMap;
 
@@ -7,16 +7,16 @@ use sharp_statistics::Resampling;
 
 use sharp_plots::bins::{Bin, Cuts, bins};
 
-/// The place beyond which the mean of every bin is above zero.
+/// The position beyond which the mean of every bin is above zero.
 ///
-/// There, the line from the last bin whose mean is not above zero to the next bin crosses zero. If there are empty bins
-/// between them, the crossing is at the position of the next bin.
+/// It is where the line from the last bin whose mean is not above zero to the next bin crosses zero. If there are empty
+/// bins between these two, it is the position of the next bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossing {
-    /// The crossing: −∞ if already above zero in the first bin, ∞ if not above zero in the last.
+    /// The position: −∞ if the mean is already above zero in the first bin, ∞ if it is not above zero in the last.
     pub x: f64,
-    /// 95 % interval of the place over resampled clusters: the same number of whole clusters, drawn with replacement.
-    /// `None` for fewer than two clusters. Its ends may be infinite, like the place itself.
+    /// 95 % interval of the position over resamples, each of which draws the same number of whole clusters with
+    /// replacement. `None` for fewer than two clusters. Its ends may be infinite, like the position itself.
     pub interval: Option<(f64, f64)>,
     pub clusters: usize,
 }
@@ -92,7 +92,7 @@ fn place(bins: &[Bin], means: &[Option<f64>]) -> f64 {
     }
 }
 
-/// The bounds of the middle 95 %, by nearest rank.
+/// The bounds of the middle 95 % of the positions, by nearest rank.
 fn middle(mut places: Vec<f64>) -> (f64, f64) {
     places.sort_unstable_by(f64::total_cmp);
     let beyond = (0.025 * places.len() as f64).floor() as usize;

@@ -16,7 +16,8 @@ use sharp_plots::style::FigureStyle;
 #[derive(Debug)]
 pub struct SweepFiles {
     pub written: Vec<PathBuf>,
-    /// Files of an earlier sweep with other metrics or crossings, which would be mistaken for those of the new one.
+    /// Removed files of an earlier sweep with other metrics or crossings. They would be mistaken for files of the new
+    /// one.
     pub removed: Vec<PathBuf>,
 }
 
@@ -58,8 +59,8 @@ pub fn write(
     Ok(SweepFiles { written, removed })
 }
 
-/// Files that an earlier sweep may have left besides its main table: the crossings, and a plot of each metric in that table.
-/// Each has the text by which [`remove_own`] recognises it.
+/// Files that an earlier sweep may have left besides its main table: the crossings, and a plot of each metric in that
+/// table. Each is returned with the text by which [`remove_own`] recognises it.
 fn earlier(out: &Path, stem: &str) -> BTreeMap<PathBuf, &'static str> {
     let named = |end: &str| out.join(format!("{stem}{end}"));
     let table = sharp::files::read(&named(".csv")).unwrap_or_default();

@@ -29,8 +29,8 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// The quantities by which breakdowns divide pairs. Excludes `Disoccluded`, which gives the same division as
-    /// `Overlap`.
+    /// The quantities by which breakdowns divide pairs. `Disoccluded` is left out, because it divides them as `Overlap`
+    /// does.
     pub const DIVIDING: [Self; 4] = [
         Self::BaselineM,
         Self::RotationDeg,
@@ -92,7 +92,7 @@ impl Motion {
         self.words()[1]
     }
 
-    /// A value of the axis with its noun and unit, for a sentence.
+    /// A value of the axis with its name and unit, for use in a sentence.
     pub fn phrase(self, value: &str) -> String {
         match self {
             Self::BaselineM => format!("a camera baseline of {value} m"),
@@ -103,12 +103,12 @@ impl Motion {
         }
     }
 
-    /// A definition, which captions add to the label.
+    /// A sentence that defines the quantity; captions add it to the label.
     pub fn definition(self) -> &'static str {
         self.words()[2]
     }
 
-    /// Largest permitted start of the axis; if `None`, the axis starts at the smallest value.
+    /// Highest value at which the axis may start; if `None`, it starts at the smallest value of the data.
     pub fn start(self) -> Option<f64> {
         (self != Self::Overlap).then_some(0.0)
     }

@@ -27,7 +27,7 @@ pub enum Split {
     Dataset,
     /// One panel per method, one line per dataset
     Method,
-    /// As dataset, with separate panels for methods that use the source's true depth or the scale of that depth
+    /// Like dataset, but with separate panels for methods that use the source's true depth or the scale of that depth
     Privileged,
 }
 
@@ -44,7 +44,7 @@ impl FromStr for Threshold {
     fn from_str(text: &str) -> Result<Self, String> {
         let (name, value) = text.split_once('=').ok_or("expected METRIC=VALUE")?;
         let metric: MetricKey = name.parse().map_err(|error| format!("{error}"))?;
-        // No metric's scores exceed this range, and the axis must show both the threshold and the scores.
+        // Scores of all metrics lie within this range, and the axis must show both the threshold and the scores.
         let value = value.parse().ok();
         let value = value.filter(|v| (-1000.0..=1000.0).contains(v));
         let value = value.ok_or("expected a number from -1000 to 1000")?;

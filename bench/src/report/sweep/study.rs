@@ -24,7 +24,7 @@ pub struct Sweep {
     pub metrics: Vec<Column>,
     /// Panels with at least one line.
     pub panels: Vec<SweepPanel>,
-    /// Panels whose pairs all lack a score or have unknown motion.
+    /// Panels in which every pair either has no score or has unknown motion.
     pub without_lines: Vec<SweepPanel>,
     /// Crossings in the order of panels, their lines, and metrics.
     pub crossings: Vec<FoundCrossing>,
@@ -41,7 +41,7 @@ pub struct SweepPanel {
     pub pairs: usize,
     /// Number of pairs with unknown motion.
     pub unplaced: usize,
-    /// Number of pairs outside all bins: beyond the given edges, or too far from zero for the bins' resolution.
+    /// Number of pairs outside all bins: beyond the given edges, or too far from zero to be resolved by the bins.
     pub outside: usize,
     pub lines: Vec<SweepLine>,
 }
@@ -53,13 +53,13 @@ pub struct SweepLine {
     pub method: String,
     /// Label in the legend.
     pub label: String,
-    /// Index of the line's style.
+    /// Index that determines the line's colour and marker.
     pub style: usize,
     /// Bins by metric, in the order of [`Sweep::metrics`].
     pub bins: Vec<Vec<SweepBin>>,
 }
 
-/// The pairs of a bin that have a score.
+/// A bin, with those of its pairs that have a score.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepBin {
     pub banded: Banded,
@@ -67,7 +67,7 @@ pub struct SweepBin {
     pub interval: Option<(f64, f64)>,
 }
 
-/// The place beyond which a method violates a limit.
+/// The motion beyond which a method violates a limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundCrossing {
     pub dataset: String,
@@ -82,14 +82,15 @@ pub struct FoundCrossing {
 /// Limit on a method.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CrossingRule {
-    /// The method must not be worse than this one, by the mean over common pairs.
+    /// The method must not be worse than the named one, in the mean over common pairs.
     Behind(String),
     /// The mean must not be worse than this value.
     Beyond(f64),
 }
 
 impl SweepPanel {
-    /// The bins of a metric, keyed by number, with the fewest and most pairs of any line in each.
+    /// The bins of a metric, keyed by number. Each has the smallest and the largest number of pairs that a line has
+    /// there.
     pub(super) fn counts(&self, metric: usize) -> BTreeMap<i64, BinCount> {
         let mut counts: BTreeMap<i64, BinCount> = BTreeMap::new();
         for bin in self.lines.iter().flat_map(|line| &line.bins[metric]) {
@@ -266,7 +267,7 @@ impl Sweep {
         found.collect()
     }
 
-    /// Crossings of a method, each with the index of its metric.
+    /// Crossings of a method, each with the index of its metric and the rule.
     fn crossings_of(
         &self,
         board: &Board<'_>,

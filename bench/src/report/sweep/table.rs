@@ -55,8 +55,8 @@ pub fn csv(sweep: &Sweep) -> Vec<u8> {
     csv_bytes(COLUMNS.split(','), rows)
 }
 
-/// One row per crossing; `-inf` if it is before the first bin, `inf` if it is not reached in the
-/// last bin.
+/// One row per crossing. The position is `-inf` if the crossing is before the first bin, and `inf` if it is not reached
+/// in the last.
 pub fn crossings_csv(sweep: &Sweep) -> Vec<u8> {
     let rows = sweep.crossings.iter().map(|crossing| {
         let interval = crossing.found.interval;
@@ -89,7 +89,7 @@ pub fn rule(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     }
 }
 
-/// States from which camera motion on a method is worse than a threshold or another method.
+/// A sentence on the camera motion from which a method is worse than a threshold or another method.
 pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     let metric = &sweep.metrics[crossing.metric];
     let x = crossing.found.x;

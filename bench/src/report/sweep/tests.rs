@@ -25,7 +25,7 @@ fn scored(method: &str, pair: usize, baseline_m: f64, psnr: f64) -> Record {
     }
 }
 
-/// Bins of half a metre: two pairs, one pair, none, and an infinite score next to a finite one.
+/// Records for bins of half a metre. The bins have two pairs, one pair, none, and an infinite score next to a finite one.
 fn records() -> Vec<Record> {
     let mut records = vec![
         scored("a", 0, 0.125, 20.0),

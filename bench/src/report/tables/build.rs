@@ -14,9 +14,9 @@ pub const REPORTED: &str = "reported";
 /// Maximum number of value columns in a table, as in the paper's tables.
 const MAX_COLUMNS: usize = 12;
 
-/// Tables of a board's scores; empty without metrics. With at most twelve columns, a single table
-/// named `scores`; otherwise, as in the paper, perceptual metrics (DISTS, LPIPS) are separated from
-/// pixelwise ones, in as many tables as needed.
+/// Tables of a board's scores; none if there are no metrics. With at most twelve columns, there is a single table named
+/// `scores`. Otherwise, as in the paper, perceptual metrics (DISTS, LPIPS) are separated from pixelwise ones, in as
+/// many tables as needed.
 pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     if metrics.is_empty() {
         return Vec::new();
@@ -45,13 +45,13 @@ pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     tables
 }
 
-/// Whether a method reports this extra for any prediction.
+/// Whether a method reports this extra value for any prediction.
 fn reports(board: &Board<'_>, method: usize, extra: &Column) -> bool {
     let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));
     records.any(|record| record.reported().contains_key(extra.key.as_str()))
 }
 
-/// The known extras that at least one method reports.
+/// The known extra values that at least one method reports.
 pub fn extras(board: &Board<'_>) -> Vec<Column> {
     let mut extras = Column::extras();
     extras.retain(|extra| (0..board.methods.len()).any(|method| reports(board, method, extra)));

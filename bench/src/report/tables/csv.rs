@@ -6,7 +6,7 @@ use super::{Table, letter};
 use crate::evaluate::results::number;
 use crate::io::text::{csv_bytes, csv_cell};
 
-/// A text as a cell that spreadsheets do not evaluate.
+/// A cell with this text, changed if needed so that spreadsheets do not evaluate it.
 pub fn text(text: &str) -> String {
     csv_cell(text).into_owned()
 }

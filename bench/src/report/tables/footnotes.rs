@@ -36,8 +36,8 @@ pub(super) fn feature_mark(column: &Column) -> Option<String> {
     ))
 }
 
-/// How the predictions of method number `method` differ from whole pictures of the target's size: cropped, resized,
-/// chosen among several scales, or partly excluded by masks.
+/// Sentences on how the predictions of method number `method` differ from whole pictures of the target's size: cropped,
+/// resized, chosen among several scales, or partly excluded by masks.
 pub(super) fn prediction_marks(
     dataset: &DatasetBoard<'_>,
     method: usize,
@@ -55,7 +55,7 @@ pub(super) fn prediction_marks(
             100.0 * mean
         );
         marks.push(if dataset.dataset.common_region {
-            // Without the method's name, so that methods share one footnote.
+            // The footnote does not name the method, so that methods share it.
             format!("{name}: {scored}, the common region of all methods.")
         } else {
             format!(
@@ -65,7 +65,7 @@ pub(super) fn prediction_marks(
     }
     let valid: Vec<f64> = records.iter().filter_map(|r| r.valid_share).collect();
     if let Some(mean) = mean(&valid) {
-        // Without the method's name, too.
+        // This footnote does not name the method, either.
         marks.push(format!(
             "{name}: dataset masks cover part of {} of {of} targets (on average {:.1} % of the pixels); masked pixels are \
              not scored.",
@@ -113,7 +113,7 @@ pub(super) fn cell_notes(
         notes.push(format!("{dataset} has no pairs."));
     } else if n == 0 {
         notes.push(match cell.absences.as_slice() {
-            // Without method and dataset, so that all cells share one footnote.
+            // The footnote names neither method nor dataset, so that all cells share it.
             [(reason, _)] => format!("No {} (`{}`): {reason}.", column.label, column.key),
             absences => format!(
                 "{method} on {dataset}: no number for any of {total} pairs: {}.",

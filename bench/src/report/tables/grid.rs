@@ -21,7 +21,7 @@ pub struct TextGrid {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GridCell {
     pub text: String,
-    /// Sort key on a page; `None` for words.
+    /// Key by which a page sorts the cell; `None` for words.
     pub value: Option<f64>,
 }
 
@@ -49,7 +49,7 @@ impl GridCell {
         Self::number(shown(value, decimals), value)
     }
 
-    /// A number, or `-` for `None`, which is sorted last.
+    /// A number, or `-` for `None`; `-` is sorted last.
     pub fn optional(value: Option<f64>, text: impl Fn(f64) -> String) -> Self {
         match value {
             Some(value) => Self::number(text(value), value),

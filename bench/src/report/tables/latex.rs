@@ -245,7 +245,7 @@ pub fn noted(fragment: String) -> String {
     }
 }
 
-/// Whether OT1 has the letter or composes it from ASCII and an accent.
+/// Whether the encoding OT1 has the letter, or composes it from ASCII and an accent.
 fn is_composed(c: char) -> bool {
     ('À'..='ž').contains(&c) && !"ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲų".contains(c)
 }

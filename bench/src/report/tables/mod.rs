@@ -107,11 +107,11 @@ pub struct Row {
 pub struct Cell {
     /// Value at full precision; `None` if there is no number. A footnote then gives the reason.
     pub value: Option<f64>,
-    /// Text printed by the source, for numbers that are not ours; shown unchanged.
+    /// Text as the source printed it, for numbers that were not computed here. It is shown unchanged.
     pub printed: Option<String>,
     /// Rank 1, 2 or 3, based on the displayed numbers.
     pub rank: Option<u8>,
-    /// Number of pairs with a score, and of pairs in the dataset; `None` if the source does not state them.
+    /// Number of pairs with a score, and number of pairs in the dataset; `None` if the source does not state them.
     pub coverage: Option<(usize, usize)>,
     /// Sample standard deviation over the pairs.
     pub std: Option<f64>,
@@ -152,7 +152,7 @@ impl Cell {
         text.unwrap_or_else(|| "n/a".to_owned())
     }
 
-    /// The coverage (pairs with a score, pairs in the dataset), if it is incomplete.
+    /// The coverage (pairs with a score, pairs in the dataset) if it is incomplete, else `None`.
     fn partial(&self) -> Option<(usize, usize)> {
         self.coverage.filter(|(n, total)| n != total && *n > 0)
     }
@@ -221,7 +221,7 @@ impl Table {
         table
     }
 
-    /// The uncertainty of a cell as displayed, with its sign; empty for none.
+    /// The uncertainty of a cell as displayed, with its ± sign; empty if there is none.
     fn plus_minus(&self, column: &Column, cell: &Cell) -> String {
         let found = self.uncertainty.zip(cell.spread);
         found.map_or_else(String::new, |(uncertainty, spread)| {

@@ -15,8 +15,8 @@ pub struct RankedValue<'a> {
     pub ranked: bool,
 }
 
-/// Ranks 1, 2 and 3 after rounding to `decimals`. Equal numbers share a rank, and the next rank counts all numbers
-/// before it (1, 1, 3). If some rows are complete, only these are ranked. If no row is complete, rows are ranked only
+/// Ranks the best three numbers after rounding to `decimals`. Equal numbers share a rank, and the next rank counts all
+/// numbers before it (1, 1, 3). If some rows cover every pair, only these are ranked. Otherwise, rows are ranked only
 /// if they all cover the same pairs. A single row has no rank.
 pub fn ranks(
     candidates: &[RankedValue<'_>],

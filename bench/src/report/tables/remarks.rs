@@ -12,11 +12,11 @@ use crate::report::statistics::of_extra;
 use super::Table;
 use super::rank::rounded;
 
-/// The holes of a method that scores worse than a baseline are mentioned if they are at least this share of the pixels.
+/// If a method scores worse than a baseline, its holes are mentioned if they are at least this share of the pixels.
 const MIN_HOLE_SHARE: f64 = 0.01;
 
-/// The metrics that have a score in some record, and a sentence on why the others have none. If no metric has a score,
-/// returns all metrics; their cells then state the reason.
+/// The metrics that have a score in some record, and a sentence on why the other metrics have none. If no metric has a
+/// score, returns all metrics, and their cells state the reason.
 pub(in crate::report) fn scored(
     records: &[Record],
     metrics: &[Column],
@@ -66,8 +66,8 @@ struct Entrant<'a> {
     facts: &'a ReportMethod,
 }
 
-/// For each dataset, remarks on metrics in which a baseline has a better mean than all other methods, or than a
-/// method with holes. `table` has a row for each method of the board.
+/// Remarks on the baselines of each dataset: in which metrics a baseline has a better mean than all other methods, or
+/// than a method with holes. `table` has a row for each method of the board.
 pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     let names = Column::names(&table.columns);
     let mut remarks = Vec::new();

@@ -5,7 +5,7 @@ use crate::io::text::visible_line;
 use crate::report::column::Column;
 
 impl Table {
-    /// Lines without trailing blanks, with footnotes below. Widths are counted in characters, which
+    /// Lines without trailing spaces, with footnotes below. Widths are counted in characters, which
     /// is exact for the arrows and the infinity sign.
     pub fn text(&self) -> String {
         let heads = Column::heads(&self.columns);

@@ -147,7 +147,7 @@ fn a_metric_without_any_number_is_named_once_and_shown_nowhere() {
     }
 }
 
-/// Errors at pixels that are not scored are not shown.
+/// The page must not show errors at pixels that are not scored.
 #[test]
 fn error_pictures_show_what_is_not_scored_as_such() {
     let region = Region {

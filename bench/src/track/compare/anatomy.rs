@@ -36,7 +36,7 @@ const MIN_SHARE: f64 = 0.001;
 pub enum PixelClass {
     /// Within three pixels of a pixel whose depth differs from a neighbour's by more than 5 % of the nearer depth.
     DepthEdge,
-    /// No valid depth here or in the source, or the source has a farther surface at this point.
+    /// The target or the source has no valid depth at this point, or the source has a farther surface there.
     Unknown,
     /// Behind the source camera, or outside its image.
     OutsideSource,

@@ -64,7 +64,6 @@ impl Default for Practical {
 }
 
 impl Practical {
-    /// Sets the value of a family.
     pub fn set(&mut self, family: Family, value: f64) {
         self.0.insert(family, value);
     }

@@ -67,8 +67,8 @@ impl RunComparison {
         })
     }
 
-    /// The comparison and its [strata](Self::strata) as `compare --json` prints them, with `flips` unless they are
-    /// empty.
+    /// The output of `compare --json`: the comparison with its [strata](Self::strata), and with `flips` unless these
+    /// are empty.
     pub fn json(&self, strata: &[Stratum], flips: &[Flips<'_>]) -> Value {
         let mut json = json!({
             "schema": 1,

@@ -131,7 +131,7 @@ pub enum Resource {
 impl Resource {
     pub(super) const ALL: [Self; 2] = [Self::SecondsPerPair, Self::PeakMemory];
 
-    /// Smallest value in A that can be judged, seconds or MiB.
+    /// Smallest cost of A that can be judged, in seconds or MiB.
     pub(super) fn least(self) -> f64 {
         match self {
             Self::SecondsPerPair => 0.05,
@@ -154,7 +154,7 @@ impl Resource {
     }
 }
 
-/// A limit on how much worse than A B may be.
+/// A limit on how much worse B may be than A.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "String")]
 pub enum Limit {

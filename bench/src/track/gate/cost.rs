@@ -41,7 +41,7 @@ pub(super) fn costs_of(
     checks.collect()
 }
 
-/// The first difference between the devices that predicted, or why they are unknown.
+/// The first difference between the devices that made the predictions, or why they are unknown.
 fn device_difference(
     comparison: &RunComparison,
     against: &Against,

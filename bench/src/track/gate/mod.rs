@@ -112,7 +112,7 @@ pub struct WorsePair {
 pub struct GateReport {
     pub a: PathBuf,
     pub b: PathBuf,
-    /// Fired if any check fired, else inconclusive if any check is, else passed.
+    /// Fired if any check fired; otherwise inconclusive if any check is inconclusive; otherwise passed.
     pub state: CheckState,
     pub checks: Vec<Check>,
     /// Index of the check that [`Self::worst`] belongs to: the first fired check on a metric; if
@@ -215,7 +215,7 @@ fn shell_word(text: &str) -> String {
     }
 }
 
-/// Judges run B relative to run A. `methods` as for [`compare`].
+/// Judges run B relative to run A. `methods` has the same meaning as in [`compare`].
 ///
 /// # Errors
 /// If the runs cannot be compared, or a limit names a metric or a dataset that they do not have.

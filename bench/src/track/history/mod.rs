@@ -259,8 +259,8 @@ fn entry_path(dir: &Path, number: u32) -> PathBuf {
     dir.join(format!("{number:04}.zip"))
 }
 
-/// The numbers of all names of the form of [`entry_path`], even if they are not files, and one other name, if there is
-/// any. Ignores names that begin with a dot.
+/// The numbers of the entries in a folder, judged by name alone (see [`entry_path`]), and the name of one thing that is
+/// not an entry, if there is any. Ignores names that begin with a dot.
 fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     let entries = fs::read_dir(dir).map_err(FileError::new(dir, "read"))?;
     let (mut numbers, mut foreign) = (BTreeSet::new(), None);

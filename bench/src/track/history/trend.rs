@@ -118,7 +118,7 @@ struct Stretch {
     reference: Arc<Entry>,
 }
 
-/// All series, updated entry by entry. Entries with which no later one can be compared are dropped.
+/// All series, updated entry by entry. Entries that no later one can be compared with are dropped.
 #[derive(Debug, Default)]
 pub(super) struct Trend(Vec<Growing>);
 
@@ -340,7 +340,7 @@ impl MethodMetric<'_> {
         (point.n_planned > 0).then_some(point)
     }
 
-    /// The results in `all` of this method and metric on `datasets`.
+    /// The part of `all` that has results of this method and metric on `datasets`.
     fn of(&self, all: &Results, datasets: &[&str]) -> Results {
         let is_ours = |dataset: &str, method: &str| {
             method == self.method.label && datasets.contains(&dataset)

@@ -99,7 +99,7 @@ fn doubt_about_read(gaussians: Gaussians, reading: FileReading) -> Option<String
     doubt_beside(&photograph(), gaussians, reading, None)
 }
 
-/// `suggested` is a setting that the numbers suggest.
+/// The doubt about Gaussians next to other evidence: `suggested` is a setting that the stored numbers suggest.
 fn doubt_beside(
     photograph: &RgbImage,
     gaussians: Gaussians,
@@ -240,7 +240,7 @@ fn a_wrong_frame_colour_space_or_unit_is_named_and_a_right_one_is_not() {
     }
 }
 
-/// Colours stored in a form other than coefficients, as in a PLY read without a setting.
+/// The colours are stored in a form other than coefficients, but read as coefficients, as in a PLY without a setting.
 #[test]
 fn colours_of_another_form_are_named() {
     let mut reading = FileReading::of_arrays();
@@ -325,8 +325,8 @@ fn means_rescaled_without_their_deviations_are_named() {
     );
 }
 
-/// An off-centre principal point under a rule that ignores it, and too wide Gaussians, which other rotations would
-/// narrow.
+/// The rule ignores a principal point that is off the centre. The Gaussians are too wide, and other rotations would
+/// narrow them.
 #[test]
 fn an_ignored_principal_point_is_named_and_wide_gaussians_are_not_called_turned() {
     for off in [[6.0, 0.0], [2.0, -2.0]] {
@@ -390,7 +390,7 @@ fn ignored_and_wide([x, y]: [f64; 2]) {
     );
 }
 
-/// Axes that no known program uses: x forward, y right, z down.
+/// The first axes are used by no known program: x forward, y right, z down.
 #[test]
 fn unusual_axes_and_units_of_a_world_are_named() {
     let round = mapped(&wall(), DAffine3::IDENTITY);
@@ -479,7 +479,7 @@ fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
     assert!(said(aside).contains(nothing));
 }
 
-/// Half of a file, and a file that shows only what lies below a plain sky.
+/// One file has only half of its Gaussians; another shows only what lies below a plain sky.
 #[test]
 fn a_missing_half_is_named_and_a_sky_without_gaussians_is_not() {
     let round = mapped(&wall(), DAffine3::IDENTITY);
@@ -578,7 +578,7 @@ fn stripes() -> Gaussians {
     wall
 }
 
-/// Needles that lie in a wall of stripes, in a world that was turned without their quaternions.
+/// The Gaussians are needles in a wall of stripes. Their means were turned with the world, their quaternions were not.
 #[test]
 fn means_that_were_turned_without_their_quaternions_are_named() {
     let (mut long, k) = (stripes(), source().intrinsics);
@@ -610,7 +610,7 @@ fn means_that_were_turned_without_their_quaternions_are_named() {
     assert_eq!(said(&turned), None);
 }
 
-/// Without true depth, by blur and by holes.
+/// There is no true depth here, so only blur and holes reveal the scale.
 #[test]
 fn means_scaled_without_their_deviations_are_named_by_their_overlap() {
     let said = |right: &Gaussians, factor: f32| {
