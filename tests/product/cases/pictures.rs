@@ -463,7 +463,7 @@ fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_
 #[test]
 fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
     let case = empty();
-    let data = "synthetic=size=160x120,views=8";
+    let data = "synthetic=size=160x120,views=6";
     let run = |method: &str, out: &str| {
         case.run(&format!(
             "sharp-bench run -q --dataset {data} --method {method} --metrics psnr --out {out}"
@@ -495,19 +495,20 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
         run(&format!("imported:dir={to}"), &format!("r-{to}"))
     };
     let (own, same) = (|k: usize| k, |v: f64| v);
-    for of in ["m", "c", "d"] {
-        for (name, level) in [
-            ("as-made", &same as &dyn Fn(f64) -> f64),
-            ("dim", &|v| 0.7 * v),
-            ("pale", &|v| 0.8 * v + 30.0),
-        ] {
-            let said = stored(&format!("{of}-{name}"), of, &own, level);
-            assert!(
-                !said.err.contains("look as if"),
-                "{of} {name}: {}",
-                said.err
-            );
-        }
+    for (of, name, level) in [
+        ("m", "as-made", &same as &dyn Fn(f64) -> f64),
+        ("c", "as-made", &same),
+        ("d", "as-made", &same),
+        ("m", "dim", &|v| 0.7 * v),
+        ("d", "dim", &|v| 0.7 * v),
+        ("m", "pale", &|v| 0.8 * v + 30.0),
+    ] {
+        let said = stored(&format!("{of}-{name}"), of, &own, level);
+        assert!(
+            !said.err.contains("look as if"),
+            "{of} {name}: {}",
+            said.err
+        );
     }
     let told = [
         (
@@ -522,7 +523,7 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
         ),
         (
             "shuffled",
-            stored("shuffled", "t", &|k| 17 * k + 5, &same),
+            stored("shuffled", "t", &|k| 11 * k + 2, &same),
             "the target of another pair",
         ),
         (
