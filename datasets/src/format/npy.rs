@@ -395,7 +395,7 @@ mod tests {
                 array("'<f4'", false, "(9999999999, 9999999999)", &[0; 8]),
                 "truncated",
             ),
-            (array("'é'", false, "(1,)", &[0; 8]), "not read"),
+            (array("'é'", false, "(1,)", &[0; 8]), "not supported"),
         ] {
             let error = parse(&bytes).unwrap_err();
             assert!(error.to_string().contains(reason), "{error}");
