@@ -34,8 +34,8 @@ impl DepthIs {
         }
     }
 
-    /// Two overlapping depths, to be compared by their ratio: without a positive offset of [`Self::Short`], which would
-    /// make any two depths similar.
+    /// Prepares two overlapping depths for a comparison by ratio: removes a positive offset of [`Self::Short`], which
+    /// would make any two depths similar.
     fn compared(self, one: f64, other: f64) -> (f64, f64) {
         match self {
             Self::Short(by) if by > 0.0 => (one - by, (other - by).max(0.01 * one)),
@@ -151,15 +151,16 @@ const MIN_COMPARED: usize = 200;
 /// Depths agree if their relative difference is at most this.
 pub(super) const TOLERANCE: f64 = 0.05;
 
-/// Samples are projected in chunks of this many, one step for all of them before the next, so that a branch that was
-/// mispredicted does not wait for all steps before it.
+/// Number of samples in a chunk. Each step of the comparison runs for a whole chunk before the next step starts, so that a
+/// mispredicted branch costs the time of one step instead of that of all.
 const CHUNK: usize = 64;
 
 /// A sample that lands inside the other view.
 #[derive(Debug, Clone, Copy, Default)]
 struct Landing {
+    /// Position in the other view, in reduced pixels.
     place: DVec2,
-    /// Its z in the other view.
+    /// z-depth in the other view's camera, in the unit of the poses.
     z: f64,
     tile: usize,
     colour: [f32; 3],
@@ -225,7 +226,6 @@ impl Explained {
         ];
         let mut b_from_a = pose_b.after(&pose_a.inverse());
         b_from_a.translation *= reading.scale;
-        let from_a = |place: DVec2| reading.straight(ray(&camera_a, place));
         let mut explained = Self::default();
         let mut landings = [Landing::default(); CHUNK];
         for start in (0..samples.len()).step_by(CHUNK * stride) {
@@ -239,7 +239,7 @@ impl Explained {
                         .depth_at(a, sample.middle())
                         .map_or(sample.depth, |found| found.0),
                 };
-                let from = from_a(sample.middle());
+                let from = reading.straight(ray(&camera_a, sample.middle()));
                 let point = b_from_a.apply(from * reading.depth.z(times_a * depth, from));
                 let seen = reading.bent(point);
                 let place = DVec2::new(
@@ -257,27 +257,19 @@ impl Explained {
                 };
                 n += usize::from((seen.z > 0.0) & camera_b.contains(place));
             }
-            let n = explained.compare_depths(
-                &mut landings[..n],
-                b,
-                |read, middle| {
-                    let ray = reading.straight(ray(&camera_b, middle));
-                    reading.depth.z(times_b * read, ray)
-                },
-                reading,
-            );
+            let landings = &mut landings[..n];
+            let n = explained.compare_depths(landings, (b, &camera_b, times_b), reading);
             explained.compare_colours(&landings[..n], b);
         }
         explained
     }
 
-    /// Compares the depths of places in `b`, moves those whose loss is not yet the greatest to the front, and returns
-    /// their number.
+    /// Adds the depths of samples that land in `b`, whose camera and factor of depth are given as read. Moves the samples
+    /// whose loss may still grow by their colour to the front, and returns their number.
     fn compare_depths(
         &mut self,
         landings: &mut [Landing],
-        b: &SmallView,
-        z: impl Fn(f64, DVec2) -> f64,
+        (b, camera_b, times_b): (&SmallView, &Intrinsics, f64),
         reading: &Reading,
     ) -> usize {
         let mut left = 0;
@@ -285,7 +277,9 @@ impl Explained {
             let mut landing = landings[i];
             let found = reading.depth_at.depth_at(b, landing.place);
             let (read, middle) = found.unwrap_or((1.0, landing.place));
-            let (one, other) = reading.depth.compared(z(read, middle), landing.z);
+            let ray = reading.straight(ray(camera_b, middle));
+            let there = reading.depth.z(times_b * read, ray);
+            let (one, other) = reading.depth.compared(there, landing.z);
             let met = found.is_some();
             self.met += usize::from(met);
             self.agreeing += usize::from(met & ((one - other).abs() <= TOLERANCE * other));
@@ -302,6 +296,7 @@ impl Explained {
         left
     }
 
+    /// Adds the colours of samples that land in `b`.
     fn compare_colours(&mut self, landings: &[Landing], b: &SmallView) {
         for landing in landings {
             let tile = &mut self.tiles[landing.tile];

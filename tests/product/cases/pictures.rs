@@ -500,8 +500,11 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
         ("c", "as-made", &same),
         ("d", "as-made", &same),
         ("m", "dim", &|v| 0.7 * v),
+        ("c", "dim", &|v| 0.7 * v),
         ("d", "dim", &|v| 0.7 * v),
         ("m", "pale", &|v| 0.8 * v + 30.0),
+        ("c", "pale", &|v| 0.8 * v + 30.0),
+        ("d", "pale", &|v| 0.8 * v + 30.0),
     ] {
         let said = stored(&format!("{of}-{name}"), of, &own, level);
         assert!(

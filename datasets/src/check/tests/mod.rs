@@ -97,8 +97,13 @@ pub(super) fn views(seed: u64, (width, height): (u32, u32)) -> Vec<View> {
 }
 
 /// True if tests look at all their worlds, as in `.ci/full`. Otherwise they look at some, because each takes seconds.
-pub(super) fn all_worlds() -> bool {
+fn all_worlds() -> bool {
     std::env::var_os("SHARP_BENCH_ALL_WORLDS").is_some()
+}
+
+/// Whether a test tries a case in a world: each case in one of the worlds 0 and 1, or in both.
+pub(super) fn is_tried(case: usize, world: u64) -> bool {
+    all_worlds() || case as u64 % 2 == world
 }
 
 /// Seeds of the worlds at which a test looks: all of them, or the first `few`.

@@ -7,7 +7,7 @@ use image::RgbImage;
 use image::imageops::{flip_horizontal, flip_vertical, rotate180};
 use sharp::camera::RigidTransform;
 
-use super::{Pixels, all_worlds, change, scene, views, views_of, worlds};
+use super::{Pixels, change, is_tried, scene, views, views_of, worlds};
 use crate::check::advice::Units;
 use crate::check::{QUICK, THOROUGH, check, look, plausible};
 use crate::lens::{Distortion, Lens};
@@ -23,13 +23,13 @@ fn found(views: &[View]) -> Vec<String> {
 type Spoil = fn(&mut [View]);
 
 /// Fails unless the thorough check reports nothing for two valid scenes and only the given text for
-/// each damaged one. Damages one of the two per case, or both if tests look at [`all_worlds`].
+/// each damaged one. [`is_tried`] says which of the two are damaged.
 fn named(cases: &[(Spoil, &str)]) {
     for seed in 0..2 {
         let right = views(seed, SIZE);
         assert_eq!(found(&right), [""; 0], "{seed}");
         for (i, (spoil, cause)) in cases.iter().enumerate() {
-            if i as u64 % 2 != seed && !all_worlds() {
+            if !is_tried(i, seed) {
                 continue;
             }
             let mut wrong = right.clone();
