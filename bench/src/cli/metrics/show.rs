@@ -2,7 +2,6 @@
 
 use std::fmt::{self, Display, Formatter};
 
-use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 use sharp_metrics::{
     Family, MetricInfo, MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_names,
@@ -50,7 +49,7 @@ impl ScoredPairs<'_> {
     }
 
     /// The JSON output, a stable interface for scripts: keys may be added but are never removed.
-    fn json(&self) -> Value {
+    pub(super) fn json(&self) -> Value {
         let infinite = self.keys().filter_map(|(at, key)| {
             let scores = self.scored.iter().map(|pair| &pair.scores[at].1);
             let count = scores
@@ -280,12 +279,6 @@ impl ScoredPairs<'_> {
             row
         });
         csv_bytes(header, rows)
-    }
-}
-
-impl Serialize for ScoredPairs<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        self.json().serialize(serializer)
     }
 }
 

@@ -335,7 +335,8 @@ fn info(ply: &Path, given: &ReadingArgs, json: bool) -> anyhow::Result<Outcome> 
     if given.axes.is_some() {
         turn(&mut scene.gaussians, &mut scene.doubts, given.axes).map_err(anyhow::Error::msg)?;
     }
-    output::print(&describe(&scene), json)?;
+    let found = describe(&scene);
+    output::print(json, || &found, || found.to_string())?;
     Ok(Outcome::Done)
 }
 
