@@ -7,8 +7,7 @@ mod import;
 
 use clap::{Args, Subcommand};
 
-use super::Outcome;
-use super::data_args;
+use super::{Outcome, data_args};
 use crate::pairs::PairOptions;
 
 /// Build, compare, check, export and import lists of pairs
