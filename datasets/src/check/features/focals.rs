@@ -18,8 +18,8 @@ const FOCALS: (i32, f64) = (20, 1.0353);
 /// A common factor of fx and fy, which keeps pixels square, is preferred to a factor of one of them, unless the
 /// fraction of matches that it explains is lower by more than this.
 const MAX_LOST_BY_SQUARE: f64 = 0.03;
-/// Factors of the focal lengths that test whether the matches determine them; if so, these factors
-/// explain far fewer matches.
+/// Wrong focal lengths, as factors of the ones read. If the matches determine the focal length, each of these explains
+/// far fewer matches.
 const OTHER_FOCALS: [f64; 2] = [0.8, 1.25];
 /// Focal lengths whose relative difference is smaller are considered equal.
 const MAX_SAME_DIFFERENCE: f64 = 0.02;
