@@ -20,7 +20,7 @@ pub enum PictureChange {
     DarkHalfCutOff,
     LimitedRange,
     Negative,
-    /// Red and blue are exchanged.
+    /// Red and blue are swapped.
     Bgr,
     Grb,
     Rbg,
@@ -99,9 +99,9 @@ impl PictureChange {
                 "have the limited range of video, 16 to 235, but were read as 0 to 255; store them with the full range"
             }
             Self::Negative => "are negatives",
-            Self::Bgr => "have red and blue exchanged",
-            Self::Grb => "have red and green exchanged",
-            Self::Rbg => "have green and blue exchanged",
+            Self::Bgr => "have red and blue swapped",
+            Self::Grb => "have red and green swapped",
+            Self::Rbg => "have green and blue swapped",
             Self::Gbr => "contain green, blue and red but were read as red, green and blue",
             Self::Brg => "contain blue, red and green but were read as red, green and blue",
             Self::Mirrored => "are mirrored left to right",
@@ -109,7 +109,7 @@ impl PictureChange {
             Self::Turned180 => "are turned by 180°",
             Self::Turned90 => "are turned by 90°",
             Self::Turned270 => "are turned by 270°",
-            Self::Transposed => "have rows and columns exchanged",
+            Self::Transposed => "have rows and columns swapped",
             Self::Luma => "contain Y, Cb and Cr but were read as red, green and blue",
             Self::Hsv => "contain hue, saturation and value but were read as red, green and blue",
             Self::Lab => "contain L*a*b* but were read as red, green and blue",
