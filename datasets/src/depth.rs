@@ -181,7 +181,7 @@ impl StereoGeometry {
                 path,
                 format!(
                     "{negative} disparities are negative and {sane} positive, but disparity (x in the left picture \
-                     minus x in the right one) must be positive; perhaps the pictures are exchanged"
+                     minus x in the right one) must be positive; perhaps the pictures are swapped"
                 ),
             ));
         }
@@ -202,7 +202,7 @@ impl StereoGeometry {
                 path,
                 format!(
                     "{behind} of {sane} disparities are below {}, so their points would lie behind the cameras; \
-                     perhaps the principal points of the two cameras are exchanged",
+                     perhaps the principal points of the two cameras are swapped",
                     -self.doffs
                 ),
             ));
@@ -376,13 +376,13 @@ mod tests {
             error.contains("22 disparities are negative and 0 positive"),
             "{error}"
         );
-        let exchanged = StereoGeometry {
+        let swapped = StereoGeometry {
             doffs: -10.0,
             ..RIG
         };
         let below = |d: f32| {
             let map = FloatMap::from_vec(24, 1, [vec![d; 2], vec![20.0; 22]].concat());
-            exchanged.depth_map(path, &map.unwrap())
+            swapped.depth_map(path, &map.unwrap())
         };
         let error = below(8.0).unwrap_err().to_string();
         assert!(

@@ -188,7 +188,7 @@ pub(crate) const NO_POSE: &str = "the pose is not finite or not rigid";
 pub(crate) fn no_pose(error: &CameraError) -> &'static str {
     match error {
         CameraError::NotRigid { determinant, .. } if *determinant < 0.0 => {
-            "the pose mirrors space (its determinant is below zero, so an axis is negated or two are exchanged)"
+            "the pose mirrors space (its determinant is below zero, so an axis is negated or two are swapped)"
         }
         _ => NO_POSE,
     }

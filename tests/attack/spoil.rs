@@ -37,7 +37,7 @@ const NUMBERS: [&str; 14] = [
     "１２",
 ];
 
-/// Cuts, doubles or re-encodes text, or exchanges a number in it.
+/// Cuts, doubles or re-encodes text, or replaces a number in it.
 pub(crate) fn text(bytes: &[u8], random: &mut Random) -> Spoiled {
     let text = String::from_utf8_lossy(bytes).into_owned();
     let lines: Vec<&str> = text.split_inclusive('\n').collect();

@@ -214,7 +214,7 @@ fn a_change_that_all_predictions_have_in_common_is_named() {
     }
     for (side, named) in [
         ("good", ""),
-        ("bgr", "have red and blue exchanged; 4 of 4"),
+        ("bgr", "have red and blue swapped; 4 of 4"),
         ("gbr", "contain green, blue and red"),
     ] {
         let said = metrics(dir.path(), &format!("{side} t --metrics psnr --json")).ends_with(0);

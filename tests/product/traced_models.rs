@@ -218,7 +218,7 @@ fn two_models_of_one_file_name_share_no_number() {
             .collect()
     };
     assert!(of_a.ends_with(&rows("one")) && of_b.ends_with(&rows("two")));
-    // Exchanged, keeping the modification times of the first.
+    // Swapped, keeping the modification times of the first.
     let (file, other) = (
         dir.join("a/model.safetensors"),
         dir.join("b/model.safetensors"),

@@ -216,9 +216,9 @@ def test_progress_and_warnings(tmp_path):
 
 def test_contradictions_of_a_dataset_are_warnings(tmp_path):
     swapped = Path(__file__).parent.parent / "cases/X63-stereo-swapped/st"
-    with pytest.warns(UserWarning, match="left and right are exchanged"):
+    with pytest.warns(UserWarning, match="left and right are swapped"):
         sb.pairs(f"stereo={swapped}")
-    with pytest.warns(UserWarning, match="left and right are exchanged"):
+    with pytest.warns(UserWarning, match="left and right are swapped"):
         sb.evaluate(copy, f"stereo={swapped}", tmp_path / "r", metrics="psnr")
 
 

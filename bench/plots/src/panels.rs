@@ -181,7 +181,7 @@ pub fn figure(
     })
 }
 
-/// Sizes of a figure.
+/// Layout of a figure: its grid of panels and the wrapped title, legend and caption around it.
 #[derive(Debug, Clone, PartialEq)]
 struct PanelLayout {
     columns: usize,

@@ -83,7 +83,7 @@ const COLOUR: usize = 4;
 type Order = (&'static str, fn(usize, usize, usize) -> usize);
 const ORDERS: [Order; 6] = [
     ("the same order", |i, _, _| i),
-    ("an order with its two layers exchanged", |i, n, _| {
+    ("an order with its two layers swapped", |i, n, _| {
         (i + n / 2) % n
     }),
     (

@@ -19,7 +19,7 @@ use crate::io::hash::file_sha256;
 pub(super) struct BundleArgs {
     /// The run folder, or an entry of a history
     run: PathBuf,
-    /// The file to write
+    /// The bundle to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Include time and memory of predictions, which a gate's limits on seconds_per_pair and peak_memory need

@@ -19,9 +19,9 @@ use crate::track::compare::{CompareError, Practical, RunComparison, both_sides, 
 /// Compare two runs pair by pair: means, intervals, significance
 ///
 /// Differences are B − A over the same pairs. Pairs of one physical scene are correlated, so significance is computed
-/// over scenes. The verdict on B is better or worse if p < 0.05 after Holm's correction over the datasets of a metric.
-/// Otherwise, it is none if all scores are equal or every difference in the confidence interval is too small to matter
-/// (--practical), and inconclusive if not.
+/// over scenes. The verdict on B is `better` or `worse` if p < 0.05 after Holm's correction over the datasets of a
+/// metric. Otherwise, it is `none` if all scores are equal or every difference in the confidence interval is too small
+/// to matter (--practical), and `inconclusive` if not.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -40,7 +40,8 @@ Examples:
   sharp-bench figure list
   sharp-bench figure motion runs/first --out figures
   sharp-bench figure qualitative runs/first --choose worst --crop 100,80,64,48 --out figures
-  sharp-bench figure ablation full=runs/v1 small=runs/v2 --pair ID --crop 100,80,64,48 --out figures")]
+  sharp-bench figure ablation full=runs/v1 small=runs/v2 --pair ID \\
+      --crop 100,80,64,48 --out figures")]
 pub(super) struct FigureArgs {
     #[command(subcommand)]
     figure: FigureCommand,

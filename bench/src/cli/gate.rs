@@ -30,8 +30,10 @@ Limits:
   seconds_per_pair > +10 %   more than A, on the same class of device; also peak_memory
 
 Examples:
-  sharp-bench gate --baseline main.zip --candidate runs/now --fail-if 'psnr < -0.1' --fail-if 'lpips > +0.005'
-  sharp-bench gate --baseline main.zip --candidate runs/now --config gate.toml --junit gate.xml --markdown comment.md")]
+  sharp-bench gate --baseline main.zip --candidate runs/now \\
+      --fail-if 'psnr < -0.1' --fail-if 'lpips > +0.005'
+  sharp-bench gate --baseline main.zip --candidate runs/now \\
+      --config gate.toml --junit gate.xml --markdown comment.md")]
 pub(super) struct GateArgs {
     /// Run A, the baseline: a folder or a bundle
     #[arg(long, value_name = "A")]

@@ -133,28 +133,48 @@ fn negative(arg: Arg) -> Arg {
     }
 }
 
-/// Shortens an option's help to its first clause and hides special-purpose options.
+/// Shortens an option's help to its first clause and its default, and hides special-purpose options.
 fn short(arg: Arg) -> Arg {
     let Some(help) = arg.get_help().map(ToString::to_string) else {
         return arg;
     };
     let full = arg.get_long_help().cloned();
     let full = full.unwrap_or_else(|| StyledStr::from(help.clone()));
-    let ends = [". ", "; ", ": ", " (", " ["].iter();
-    let end = ends.filter_map(|end| help.find(end)).min();
-    let clause = help[..end.unwrap_or(help.len())].to_owned();
+    let (text, default) = split_default(&help);
+    let ends = [". ", "; ", ": ", " ("].iter();
+    let end = ends.filter_map(|end| text.find(end)).min();
+    let clause = format!("{}{default}", &text[..end.unwrap_or(text.len())]);
     let is_rare = arg.get_long().is_some_and(|long| RARE.contains(&long));
     arg.help(clause).long_help(full).hide_short_help(is_rare)
 }
 
-/// Joins the lines of each paragraph, so that the terminal's width determines line breaks. Leaves examples unchanged.
-fn unwrapped(text: &str) -> String {
-    let paragraph = |lines: &str| match lines.contains("\n  ") {
-        true => lines.to_owned(),
-        false => lines.replace('\n', " "),
+/// Splits help into the text before ` [default: …]` and this default, which is empty if there is none.
+fn split_default(help: &str) -> (&str, &str) {
+    let Some(start) = help.find(" [default: ") else {
+        return (help, "");
     };
-    let paragraphs: Vec<String> = text.split("\n\n").map(paragraph).collect();
-    paragraphs.join("\n\n")
+    let (text, rest) = help.split_at(start);
+    let end = rest.find(']').map_or(rest.len(), |bracket| bracket + 1);
+    (text, &rest[..end])
+}
+
+/// Joins consecutive lines of prose, so that the terminal's width determines line breaks. Leaves indented lines, such
+/// as examples, unchanged.
+fn unwrapped(text: &str) -> String {
+    let is_prose = |line: &str| !line.is_empty() && !line.starts_with(' ');
+    let mut lines: Vec<String> = Vec::new();
+    let mut follows_prose = false;
+    for line in text.lines() {
+        match lines.last_mut() {
+            Some(before) if follows_prose && is_prose(line) => {
+                before.push(' ');
+                before.push_str(line);
+            }
+            _ => lines.push(line.to_owned()),
+        }
+        follows_prose = is_prose(line);
+    }
+    lines.join("\n")
 }
 
 /// The paragraph that `--help` shows, followed by an empty line.
@@ -224,8 +244,51 @@ mod tests {
                 is_root,
                 "{short}"
             );
+            for help in command.get_arguments().filter_map(Arg::get_help) {
+                let help = help.to_string();
+                assert!(!help.ends_with(','), "{help}");
+            }
             for option in command.get_arguments().filter_map(Arg::get_long) {
                 assert!(all.contains(&format!("--{option}")), "{option}:\n{all}");
+            }
+        });
+    }
+
+    #[test]
+    fn short_help_is_the_first_clause_and_the_default() {
+        for (help, expected) in [
+            (
+                "Run B, after; a bundle [default: A itself]. Read only",
+                "Run B, after [default: A itself]",
+            ),
+            (
+                "A dataset, [NAME:]FORMAT=PATH; repeatable",
+                "A dataset, [NAME:]FORMAT=PATH",
+            ),
+        ] {
+            let shortened = short(Arg::new("b").help(help));
+            assert_eq!(shortened.get_help().unwrap().to_string(), expected);
+        }
+    }
+
+    #[test]
+    fn lines_of_prose_are_joined_and_examples_are_not() {
+        let text = "Exit\ncode 1:\n  run \\\n      --out X\nWrites\nX.\n\nThe end";
+        let joined = "Exit code 1:\n  run \\\n      --out X\nWrites X.\n\nThe end";
+        assert_eq!(unwrapped(text), joined);
+    }
+
+    /// Longer lines would be wrapped without a backslash and could not be pasted into a shell.
+    #[test]
+    fn examples_fit_on_a_line() {
+        each(&mut command(), &mut |command| {
+            let all = command.get_after_long_help().map(ToString::to_string);
+            let all = all.unwrap_or_default();
+            let examples = all
+                .lines()
+                .filter(|line| line.starts_with("  sharp-bench "));
+            for example in examples {
+                assert!(example.chars().count() <= 100, "{example}");
             }
         });
     }

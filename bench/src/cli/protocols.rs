@@ -17,7 +17,8 @@ use crate::protocols::{PROTOCOLS, PairRule, Protocol};
 Examples:
   sharp-bench protocols
   sharp-bench protocols pixelsplat
-  sharp-bench run --protocol unisharp --pairs theirs.csv --dataset wildrgbd=data --method copy --out runs/theirs")]
+  sharp-bench run --protocol unisharp --pairs theirs.csv --dataset wildrgbd=data --method copy \\
+      --out runs/theirs")]
 pub(super) struct ProtocolsArgs {
     /// A protocol to show in full
     #[arg(value_name = "NAME")]

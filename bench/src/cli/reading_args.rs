@@ -10,11 +10,11 @@ pub(crate) struct ReadingArgs {
     /// Encoding of the colours, for a PLY that does not state one: linear or srgb
     #[arg(long, value_name = "SPACE")]
     color_space: Option<ColorSpace>,
-    /// Conventions of the file's numbers: opacity=linear, scales=linear, quaternions=xyzw, colors=rgb01,
+    /// How the Gaussian file stores numbers: opacity=linear, scales=linear, quaternions=xyzw, colors=rgb01,
     /// harmonics=drop, as in --method gaussians
     #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = setting)]
     read: Vec<(String, String)>,
-    /// Axes of the file: rdf (OpenCV's, usual in PLY files), rub (OpenGL's), luf or ldb. Required for
+    /// Axes of the Gaussian file: rdf (OpenCV's, usual in PLY files), rub (OpenGL's), luf or ldb. Required for
     /// SPZ files, which do not state axes
     #[arg(long, value_name = "AXES", value_parser = Axes::parse_flip)]
     pub(crate) axes: Option<[f32; 3]>,

@@ -102,8 +102,10 @@ fn help() -> String {
         "Methods, KIND[:key=value,…], with their settings (only dir= and run= are required; every method also takes \
          label=NAME, the name shown in tables):\n{kinds}\n{}\n\
          Examples:\n  \
-         sharp-bench run --dataset middlebury=data/Middlebury2014 --method copy --method depth-splat --out runs/first\n  \
-         sharp-bench run --dataset synthetic --method imported:label=mine,dir=predictions --metrics paper,ssim-all --out runs/mine",
+         sharp-bench run --dataset middlebury=data/Middlebury2014 --method copy --method depth-splat \\\n      \
+         --out runs/first\n  \
+         sharp-bench run --dataset synthetic --method imported:label=mine,dir=predictions \\\n      \
+         --metrics paper,ssim-all --out runs/mine",
         data_args::formats_help()
     )
 }

@@ -34,8 +34,8 @@ Example:
     /// Write an indexed Kubernetes Job, and a Job that merges
     #[command(after_help = "\
 Example:
-  sharp-bench scale kubernetes --plan /data/runs/all --shards 64 --image registry/sharp-bench:1 --claim data \\
-      --mount /data --out jobs && kubectl apply -f jobs/job.yaml")]
+  sharp-bench scale kubernetes --plan /data/runs/all --shards 64 --image registry/sharp-bench:1 \\
+      --claim data --mount /data --out jobs && kubectl apply -f jobs/job.yaml")]
     Kubernetes(KubernetesArgs),
 }
 

@@ -12,7 +12,7 @@ use crate::evaluate::{Manifest, RunPlan};
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench schema manifest > manifest.schema.json")]
 pub(super) struct SchemaArgs {
-    /// Which file
+    /// The file to describe
     #[arg(value_enum)]
     file: SchemaFile,
 }

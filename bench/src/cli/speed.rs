@@ -29,7 +29,8 @@ use crate::scoring::Scoring;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  sharp-bench speed --method sharp:checkpoint=sharp.pt --dataset middlebury=data/Middlebury2014 --out speed
+  sharp-bench speed --method sharp:checkpoint=sharp.pt --dataset middlebury=data/Middlebury2014 \\
+      --out speed
   sharp-bench speed runs/sharp --out speed
 
 Writes speed.md, speed.tex and, for measured methods, speed.csv. Run nothing else at the same time.")]

@@ -29,7 +29,8 @@ use sharp_plots::style::FigureStyle;
 Examples:
   sharp-bench sweep runs/first --out sweep
   sharp-bench sweep runs/sharp runs/baselines --x overlap --bins quantile:8 --band ci95 --out sweep
-  sharp-bench sweep runs/first --bins 0.1 --metrics dists --threshold dists=0.2 --against sharp --out sweep
+  sharp-bench sweep runs/first --bins 0.1 --metrics dists --threshold dists=0.2 \\
+      --against sharp --out sweep
 
 Writes sweep-METRIC.svg, .png and .pdf, sweep.csv (dataset,method,split,metric,x,x_low,x_high,n,mean,sd,ci_low,ci_high),
 sweep.tex, and with --threshold or --against sweep-crossings.csv. The paper's own plots: sharp-bench figure motion,

@@ -27,7 +27,8 @@ use crate::report::tables::grid::{GridCell, TextGrid};
 Examples:
   sharp-bench table list
   sharp-bench table quantitative
-  sharp-bench table quantitative --row mine=runs/first:sharp --row baseline=runs/first:copy --out tables
+  sharp-bench table quantitative --row mine=runs/first:sharp --row baseline=runs/first:copy \\
+      --out tables
   sharp-bench table ablation_gram --row no=runs/without:sharp --row yes=runs/with:sharp --out tables
 
 Writes NAME.md, NAME.csv, NAME.html, NAME.tex for a paper, and NAME-document.tex, which compiles by itself.")]

@@ -30,9 +30,10 @@ use crate::train::{TrainRequest, Trained, ValidationRequest, train};
      candle-cpu (slow: the GPU code on the CPU). The last bits of the weights depend on the device [default: cpu]"
 )))]
 #[command(after_help = "\
-Example:
+Examples:
   sharp-bench train mine.toml --out training
-  sharp-bench run --dataset synthetic=seed=3 --method sharp:checkpoint=training/weights.safetensors,config=training/network.json --out runs/mine
+  sharp-bench run --dataset synthetic=seed=3 --out runs/mine \\
+      --method sharp:checkpoint=training/weights.safetensors,config=training/network.json
 
 Writes config.toml, network.json, log.csv, timing.csv, validation.csv, index.html, checkpoints/, the run folder
 validation/, and in the end weights.safetensors. bench/docs/train.md explains the configuration.")]

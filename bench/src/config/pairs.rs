@@ -74,8 +74,8 @@ pub struct PairConfig {
         conflicts_with_all = ["pair_options", "overlap_depth", "overlap_checkpoint", "cache", "no_cache"]
     )]
     pub pairs: Option<PathBuf>,
-    /// Pair options that the paper leaves open, key=value,…; see `pairs --help-all`. --dataset SPEC,pairs.key=value
-    /// sets one for that dataset alone
+    /// Pair options that the paper leaves open, key=value,…; see `pairs --help-all`. To set one for a single dataset,
+    /// use --dataset SPEC,pairs.key=value
     #[arg(long, value_name = "LIST")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]

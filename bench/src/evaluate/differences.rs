@@ -282,7 +282,7 @@ fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
 /// that tables no longer show because its name has a new meaning.
 ///
 /// # Errors
-/// If the results cannot share a table because their renderer, kernels, protocol or another such fact differs.
+/// If the results cannot share a folder because their renderer, kernels, protocol or another such fact differs.
 pub(super) fn extended(
     before: Manifest,
     new: Manifest,

@@ -51,7 +51,7 @@ pub enum EvaluateError {
         method: String,
         reason: String,
     },
-    /// The folder's results cannot share a table with this run's.
+    /// This run's results cannot be added to the folder's.
     #[error(
         "{}: {difference}; a folder can have only one, so choose another folder",
         folder.display()

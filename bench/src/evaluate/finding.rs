@@ -44,10 +44,10 @@ worded! {
         LimitedRange =
             "have the limited range of video, 16 to 235, but were read as 0 to 255; store them with the full range",
         Negative = "are negatives",
-        /// Red and blue are exchanged.
-        Bgr = "have red and blue exchanged",
-        Grb = "have red and green exchanged",
-        Rbg = "have green and blue exchanged",
+        /// Red and blue are swapped.
+        Bgr = "have red and blue swapped",
+        Grb = "have red and green swapped",
+        Rbg = "have green and blue swapped",
         Gbr = "contain green, blue and red but were read as red, green and blue",
         Brg = "contain blue, red and green but were read as red, green and blue",
         Mirrored = "are mirrored left to right",
@@ -55,7 +55,7 @@ worded! {
         Turned180 = "are turned by 180°",
         Turned90 = "are turned by 90°",
         Turned270 = "are turned by 270°",
-        Transposed = "have rows and columns exchanged",
+        Transposed = "have rows and columns swapped",
         /// Luma and chroma are stored as red, green and blue.
         Luma = "contain Y, Cb and Cr but were read as red, green and blue",
         /// Hue, saturation and value are stored as red, green and blue.

@@ -274,7 +274,7 @@ mod tests {
             assert_eq!(sentences(few.0, few.1, few.2), Vec::<String>::new());
         }
         let bgr = PictureChange::Bgr;
-        assert!(sentences(bgr, 7, 8)[0].contains("red and blue exchanged; 7 of 8 "));
+        assert!(sentences(bgr, 7, 8)[0].contains("red and blue swapped; 7 of 8 "));
         assert!(sentences(wrapped, 3, 8)[0].starts_with("3 of its 8 pictures have very bright"));
         assert_eq!(sentences(PictureChange::Padded, 4, 8).len(), 1);
     }
@@ -289,7 +289,7 @@ mod tests {
                 .any(|said| said.contains(what) && said.ends_with(&end))
         };
         assert!(named(
-            "2 of its 7 pictures have red and blue exchanged",
+            "2 of its 7 pictures have red and blue swapped",
             "m/scene0/a__0, m/scene0/a__1"
         ));
         assert!(named(

@@ -24,7 +24,7 @@ use crate::scoring::Region;
 const WIDTH: u32 = 160;
 /// Undoing a mirroring or rotation must bring a picture closer to its photograph by at least this, in dB.
 const MIN_GAIN: f64 = 1.0;
-/// [`MIN_GAIN`] for exchanged channels, which hardly change brightness, in dB.
+/// [`MIN_GAIN`] for swapped channels, which hardly change brightness, in dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
 /// [`MIN_GAIN`] for another transfer function, in dB. Linear light stored as sRGB loses far more; a wrong exposure
 /// loses less.
@@ -39,7 +39,7 @@ const MIN_GAIN_OF_RANGE: f64 = 1.5;
 const MAX_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end of the range, because JPEG and resampling cause ringing there.
 const BEYOND_ENDS: f64 = 0.002;
-/// A picture is a negative if its correlation with the photograph is below this; red and blue are exchanged if the
+/// A picture is a negative if its correlation with the photograph is below this; red and blue are swapped if the
 /// correlation of their difference is. Poor predictions have 0.4 to 0.8, and a tint does not matter.
 const MAX_OPPOSED_CORRELATION: f64 = -0.4;
 /// After undoing a change, a picture must explain at least this share of the photograph's variance; poor predictions
@@ -211,14 +211,14 @@ fn undone_change(
             fit.filter(|fit| fit.is_nearer_than_exposed(&as_read)),
         )
     });
-    let exchanged = PERMUTATIONS.map(|(change, order)| {
+    let swapped = PERMUTATIONS.map(|(change, order)| {
         let permuted = mapped(shown, |color| order.map(|channel| color[channel]));
         (change, nearer(&permuted, MIN_GAIN_OF_CHANNELS))
     });
     let tint = |of: &RgbImage| mapped(of, |[r, _, b]| [128 - b / 2 + r / 2; 3]);
     let tints = Likeness::of(&tint(seen), whole, &tint(shown)).correlation();
-    let exchanged =
-        exchanged.map(|(change, fit)| (change, fit.filter(|_| tints < MAX_OPPOSED_CORRELATION)));
+    let swapped =
+        swapped.map(|(change, fit)| (change, fit.filter(|_| tints < MAX_OPPOSED_CORRELATION)));
     let negative = nearer(&inverted(shown), MIN_GAIN);
     let negative = negative.filter(|_| as_read.correlation() < MAX_OPPOSED_CORRELATION);
     let all = [
@@ -246,7 +246,7 @@ fn undone_change(
     ];
     let likely = all
         .into_iter()
-        .chain(exchanged)
+        .chain(swapped)
         .chain(other_spaces)
         .filter_map(|(change, fit)| Some((change, fit?.error())));
     let best = likely.min_by(|a, b| a.1.total_cmp(&b.1));
@@ -328,7 +328,7 @@ mod tests {
         likely_change(&picture(0.0, 0), shown)
     }
 
-    fn exchanged(picture: &RgbImage) -> RgbImage {
+    fn swapped(picture: &RgbImage) -> RgbImage {
         mapped(picture, |[r, g, b]| [b, g, r])
     }
 
@@ -347,7 +347,7 @@ mod tests {
         let proper = picture(1.0, 1);
         let transposed = |p: &RgbImage| rotate270(&flip_horizontal(p));
         for (name, done) in [
-            (PictureChange::Bgr, exchanged as fn(&RgbImage) -> RgbImage),
+            (PictureChange::Bgr, swapped as fn(&RgbImage) -> RgbImage),
             (PictureChange::Linear, |p| recolored(p, linear_from_srgb)),
             (PictureChange::EncodedTwice, |p| {
                 recolored(p, srgb_from_linear)

@@ -7,7 +7,8 @@ use sharp::color::{Quantization, quantize, srgb_from_linear};
 
 /// Ends of the limited range of video, each with how far the measured end may be off, in levels.
 const LIMITED: [(f64, f64); 2] = [(16.0, 2.5), (235.0, 3.0)];
-/// Widths at which the ends are measured, in pixels. Blur lowers the contrast more at the larger width.
+/// Widths, in pixels, to which both pictures are reduced to measure where black and white ended up. Two are used
+/// because blur lowers the contrast more at the larger one.
 const WIDTHS: [u32; 2] = [32, 80];
 /// Lowest and highest level of a picture in the limited range, with some tolerance because JPEG overshoots.
 const WITHIN: [u8; 2] = [12, 239];

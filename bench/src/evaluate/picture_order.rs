@@ -334,7 +334,7 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
         return Some(format!(
             "its pictures show {} rather than the target's ({views} of the {all} compared in {pairs} are significantly \
              closer to the source's photograph), as if they were rendered with the source's pose, or with poses of \
-             another unit or axes, or as if source and target were exchanged in the file names",
+             another unit or axes, or as if source and target were swapped in the file names",
             SourceView.text()
         ));
     }

@@ -123,11 +123,11 @@ impl Evaluation {
         Ok(estimate)
     }
 
-    /// Writes the plan without its cost, if the folder has none. All shards of an evaluation make the same plan, and
-    /// may do so at the same time.
+    /// Writes the plan, without an estimate of its cost, unless the folder already has a plan. All shards of an
+    /// evaluation make the same plan, and may do so at the same time.
     ///
     /// # Errors
-    /// If the folder has another plan, or the evaluation needs all units at once.
+    /// If the folder has another plan, or the evaluation needs all units at once (`--common-region`).
     pub fn plan_shards(&self, out: &Path, observer: &dyn Observer) -> Result<(), EvaluateError> {
         self.check_shardable(out)?;
         let folder = RunFolder::create_shared(out)?;

@@ -70,7 +70,7 @@ pub enum GaussianFileError {
     Harmonics { path: PathBuf, shape: Vec<usize> },
     /// The rendering rule is stated neither in the file nor by the user.
     #[error(
-        "{}: it does not state which renderer it was made for; set the rule with rendering=NAME (--rendering NAME), \
+        "{}: it does not state which renderer it was made for; set the rule with rendering=RULE (--rendering RULE), \
          probably {likely} ({why}); for a file from SHARP, set color_space= instead", path.display()
     )]
     RuleUnknown {
@@ -107,7 +107,7 @@ pub fn read(
             let differs = stated.is_stated && stated.rule != rule;
             let note = (differs && reading.marks != Some(ply::Marks::Ignore)).then(|| {
                 format!(
-                    "rendered by the rule {rule}, as requested, but made for {} ({})",
+                    "rendered with the rule {rule}, as requested, but the file was made for {} ({})",
                     stated.rule, stated.why
                 )
             });
@@ -166,8 +166,9 @@ fn read_as_marked(
         }
         Ok(scene) if !marked(&scene).is_stated => {
             let note = format!(
-                "blended in linear light, as SHARP does; a file trained by 3D Gaussian Splatting needs rendering=, \
-                 probably {}",
+                "rendered with the rule {} (blended in linear light); for a file trained by 3D Gaussian Splatting, set \
+                 rendering=RULE, probably {}",
+                Rule::SHARP,
                 marked(&scene).rule
             );
             Ok((scene, Rule::SHARP, Some(note)))
@@ -188,7 +189,9 @@ fn read_as_marked(
                         why,
                     });
                 }
-                let note = format!("rendered by the rule {rule} ({why}); rendering= sets another");
+                let note = format!(
+                    "rendered with the rule {rule} ({why}); to use another rule, set rendering=RULE"
+                );
                 Ok((scene, rule, Some(note)))
             }
             // Report the error of the reading that was requested.
@@ -461,7 +464,7 @@ mod tests {
         ] {
             let text = ply(&comments, &properties);
             let error = read_text(&text, &[]).unwrap_err();
-            assert!(error.contains("rendering=NAME"), "{error}");
+            assert!(error.contains("rendering=RULE"), "{error}");
             assert!(error.contains(&format!("probably {likely}")), "{error}");
             let named = read_text(&text, &[("rendering", likely)]).unwrap();
             assert_eq!(named.rule.to_string(), likely);

@@ -200,7 +200,7 @@ impl FitRules {
         if (w, h) == (to_h, to_w) {
             return Err(format!(
                 "the picture is {w}x{h}, but {what} is {to_w}x{to_h}; perhaps it was turned by 90 degrees, or made with \
-                 width and height exchanged"
+                 width and height swapped"
             ));
         }
         // The aspect ratios count as equal if they differ only because the smaller size is rounded to whole pixels.

@@ -59,7 +59,8 @@ impl<'a> ReportPictures<'a> {
         }
     }
 
-    /// Withholds the pictures of some datasets and all links.
+    /// For a public report: withholds the pictures of the datasets in `withheld`, every link to a file, and the
+    /// folders in messages.
     pub(super) fn public(self, withheld: BTreeSet<String>) -> Self {
         Self {
             withheld: Some(withheld),

@@ -142,10 +142,10 @@ pub(super) fn sentence(
                 number(*factor)
             )
         }
-        Change::CentreExchanged => {
+        Change::CentreSwapped => {
             let (cx, cy) = (number(first.cx), number(first.cy));
             format!(
-                "cx and cy appear to be exchanged, because cx = {cy} and cy = {cx} fit better ({evidence}); exchange them \
+                "cx and cy appear to be swapped, because cx = {cy} and cy = {cx} fit better ({evidence}); swap them \
                  in the cameras' file"
             )
         }

@@ -16,7 +16,7 @@ pub(super) enum Change {
     Scale(f64),
     /// Focal lengths, and the factor by which they must be multiplied.
     Focal(Focal, f64),
-    CentreExchanged,
+    CentreSwapped,
     /// Offset of the principal points to the right and down, in widths of the picture.
     CentreOff(DVec2),
     /// Number of metres that must be added to the depths.
@@ -43,7 +43,7 @@ pub(super) enum Change {
     Unlisted,
     /// One or several views are wrong; holds a description of which and how.
     Views(String),
-    /// Cameras are exchanged; holds a description of which.
+    /// Cameras are swapped; holds a description of which.
     Cameras(String),
     /// The lenses distort; holds their [`Reading::bend`].
     Bent(f64),
@@ -82,7 +82,7 @@ impl Change {
         matches!(
             self,
             Self::Focal(..)
-                | Self::CentreExchanged
+                | Self::CentreSwapped
                 | Self::CentreOff(_)
                 | Self::Bent(_)
                 | Self::Registered(_)

@@ -121,7 +121,7 @@ mod tests {
         assert!(right.as_read.depth > 0.5, "{right:?}");
         assert_eq!(complaint(&views), None);
         let inverted = taken(&views, RigidTransform::inverse).unwrap();
-        assert!(inverted.contains("exchanged"), "{inverted}");
+        assert!(inverted.contains("swapped"), "{inverted}");
         let flipped = taken(&views, flip).unwrap();
         assert!(flipped.contains("OpenGL"), "{flipped}");
     }
@@ -134,11 +134,11 @@ mod tests {
         for (take, name) in [
             (
                 RigidTransform::inverse as fn(&_) -> _,
-                "world-to-camera exchanged (",
+                "world-to-camera swapped (",
             ),
             (flip, "OpenGL"),
-            (|pose| flip(&pose.inverse()), "world-to-camera exchanged ("),
-            (|pose| flip(pose).inverse(), "exchanged, and also OpenGL"),
+            (|pose| flip(&pose.inverse()), "world-to-camera swapped ("),
+            (|pose| flip(pose).inverse(), "swapped, and also OpenGL"),
         ] {
             let complaint = taken(&views, take).unwrap();
             assert!(complaint.contains(name), "{name}: {complaint}");
@@ -180,7 +180,7 @@ mod tests {
         assert_eq!(complaint(&masked), None);
         let complaint = taken(&masked, RigidTransform::inverse).unwrap();
         assert!(
-            complaint.contains("world-to-camera exchanged ("),
+            complaint.contains("world-to-camera swapped ("),
             "{complaint}"
         );
     }

@@ -21,13 +21,13 @@ const fn of(name: &'static str, take: Take) -> Convention {
 pub(super) const CONVENTIONS: [Convention; 4] = [
     of("as read", |pose| *pose),
     of(
-        "camera-to-world and world-to-camera exchanged",
+        "camera-to-world and world-to-camera swapped",
         RigidTransform::inverse,
     ),
-    of("OpenGL's and OpenCV's camera axes exchanged", flip),
-    // The camera axes are changed after the exchange. Changed before it, they would be axes of the world.
+    of("OpenGL's and OpenCV's camera axes swapped", flip),
+    // The camera axes are changed after the swap. Changed before it, they would be axes of the world.
     of(
-        "camera-to-world and world-to-camera exchanged, and also OpenGL's and OpenCV's camera axes",
+        "camera-to-world and world-to-camera swapped, and also OpenGL's and OpenCV's camera axes",
         |pose| flip(&pose.inverse()),
     ),
 ];
@@ -98,7 +98,7 @@ const TRANSPOSED: [Convention; 3] = [
 ];
 /// Camera positions that were read as translations of world-to-camera poses, then translations that were read as camera
 /// positions.
-const EXCHANGED_PLACES: [Convention; 2] = [
+const SWAPPED_PLACES: [Convention; 2] = [
     of(
         "the translations taken as the cameras' positions (t = -R c)",
         |pose| RigidTransform {
@@ -143,7 +143,7 @@ const ROTATION_TRANSPOSED: &str = "the poses' rotations transposed";
 pub(super) fn alternatives(poses_are_matrices: bool) -> impl Iterator<Item = &'static Convention> {
     let reordered = REORDERED.iter().filter(move |_| !poses_are_matrices);
     let axes = CONVENTIONS[1..].iter().chain(&MIRRORED);
-    let places = axes.chain(&EXCHANGED_PLACES);
+    let places = axes.chain(&SWAPPED_PLACES);
     let turned = TRANSPOSED.iter().chain(&TURNED).chain(&BODIES);
     places.chain(reordered).chain(turned)
 }

@@ -85,8 +85,8 @@ pub(super) struct Reading {
     pub(super) depth_times: [f64; 2],
     /// Factors of the poses' translations, for the same two views.
     pub(super) pose_times: [f64; 2],
-    /// True if cx and cy are exchanged.
-    pub(super) centre_exchanged: bool,
+    /// True if cx and cy are swapped.
+    pub(super) centre_swapped: bool,
     /// Offset of principal points to the right and down from where they were read, in widths of the picture.
     pub(super) centre_off: DVec2,
     /// Radial distortion: lenses show a direction with radius r at radius r (1 + bend r²).
@@ -104,7 +104,7 @@ impl Reading {
         focal: [DVec2::ONE; 2],
         depth_times: [1.0; 2],
         pose_times: [1.0; 2],
-        centre_exchanged: false,
+        centre_swapped: false,
         centre_off: DVec2::ZERO,
         bend: 0.0,
         depth: DepthIs::Z,
@@ -197,7 +197,7 @@ impl Explained {
         stride: usize,
     ) -> Self {
         let camera = |k: &Intrinsics, focal: DVec2| {
-            let (cx, cy) = match reading.centre_exchanged {
+            let (cx, cy) = match reading.centre_swapped {
                 true => (k.cy, k.cx),
                 false => (k.cx, k.cy),
             };

@@ -11,7 +11,7 @@ use super::compare::{
 };
 use super::convention::alternatives;
 use super::explained::{DepthIs, Explained, Reading};
-use super::features::exchanged_focals;
+use super::features::swapped_focals;
 use super::neighbours::Neighbours;
 use super::plausible::{self, ONE_ROTATION, have_one_rotation};
 use super::search::{is_reportable, least};
@@ -98,11 +98,11 @@ impl Neighbours<'_> {
             let bend = bent(factor);
             fitted(&with_bend(bend), Change::Bent(bend));
         }
-        let centre_exchanged = Reading {
-            centre_exchanged: true,
+        let centre_swapped = Reading {
+            centre_swapped: true,
             ..Reading::AS_READ
         };
-        fitted(&centre_exchanged, Change::CentreExchanged);
+        fitted(&centre_swapped, Change::CentreSwapped);
         let off = self.centre_off();
         if off != DVec2::ZERO {
             let reading = Reading {
@@ -126,7 +126,7 @@ impl Neighbours<'_> {
             let by = short(factor);
             fitted(&with_depth(DepthIs::Short(by)), Change::Short(by));
         }
-        all.extend(self.exchanged_cameras());
+        all.extend(self.swapped_cameras());
         all.extend(self.orders(&as_read));
         all.extend(self.turned());
         all.extend(self.flipped());
@@ -252,9 +252,9 @@ impl Neighbours<'_> {
         (change, self.explained(&reading, self.stride))
     }
 
-    /// Tries exchanging the focal lengths of two kinds of views.
-    fn exchanged_cameras(&self) -> Option<(Change, Vec<Explained>)> {
-        let (text, factors) = exchanged_focals(self.views)?;
+    /// Tries swapping the focal lengths of two kinds of views.
+    fn swapped_cameras(&self) -> Option<(Change, Vec<Explained>)> {
+        let (text, factors) = swapped_focals(self.views)?;
         let carries = self.carries.iter().map(|(a, b)| {
             let focal = [factors[*a], factors[*b]];
             self.explained_one(
@@ -430,7 +430,7 @@ mod tests {
                     v.iter_mut()
                         .for_each(|v| v.camera_from_world = v.camera_from_world.inverse())
                 },
-                &|c| matches!(c, Change::Convention(name) if name.ends_with("exchanged")),
+                &|c| matches!(c, Change::Convention(name) if name.ends_with("swapped")),
             ),
         ];
         for (i, (spoil, is_right)) in cases.into_iter().enumerate() {

@@ -38,12 +38,12 @@ pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = u
 }
 
 /// Assignments that result from common mistakes, with descriptions: shifts starting at one of `starts`, reverse order,
-/// lexicographic instead of numeric order, and the `exchanged` pairs. `noun` names what is assigned to the pictures.
+/// lexicographic instead of numeric order, and the `swapped` pairs. `noun` names what is assigned to the pictures.
 /// Each has the minimum number of pairs of neighbours that it must explain better.
 pub(super) fn orders(
     views: &[View],
     starts: &BTreeSet<usize>,
-    exchanged: &[(usize, usize)],
+    swapped: &[(usize, usize)],
     noun: &str,
 ) -> Vec<(String, Assignment, usize)> {
     let n = views.len();
@@ -55,14 +55,14 @@ pub(super) fn orders(
     };
     let id = |i: usize| &views[i].id;
     let mut orders: Vec<(String, Assignment, usize)> = Vec::new();
-    for &(a, b) in exchanged {
+    for &(a, b) in swapped {
         let text = format!("{} and {} have each other's {noun}", id(a), id(b));
-        let exchange = move |i: usize| match i {
+        let swap = move |i: usize| match i {
             i if i == a => Some(b),
             i if i == b => Some(a),
             i => Some(i),
         };
-        orders.push((text, Box::new(exchange), 1));
+        orders.push((text, Box::new(swap), 1));
     }
     if n < MIN_VIEWS {
         return orders;
@@ -130,8 +130,8 @@ impl Neighbours<'_> {
         let starts: BTreeSet<usize> = self.carries.iter().map(|(a, _)| *a).collect();
         let mut measured = Vec::new();
         for &moves in self.moves() {
-            let exchanged = self.exchanges();
-            for (text, of, least_pairs) in orders(self.views, &starts, &exchanged, moves.noun()) {
+            let swapped = self.swaps();
+            for (text, of, least_pairs) in orders(self.views, &starts, &swapped, moves.noun()) {
                 let explained = self.in_order(as_read, &*of, moves);
                 // Pictures that would have no pose are left unchanged.
                 let given = explained.iter().filter(|one| one.is_some()).count();
@@ -168,8 +168,8 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Pairs of views whose exchange is tried: both were read, and at least one is projected.
-    fn exchanges(&self) -> Vec<(usize, usize)> {
+    /// Pairs of views whose swap is tried: both were read, and at least one is projected.
+    fn swaps(&self) -> Vec<(usize, usize)> {
         if !self.thorough {
             return Vec::new();
         }

@@ -17,10 +17,10 @@ const OFF_CENTRE: f64 = 0.245;
 /// A principal point counts as centred up to this distance from the centre, in widths and heights of the picture.
 const MIDDLE: f64 = 0.03;
 
-/// Detects principal points that are centred only if x and y are exchanged, in all views. One crop may have such a
+/// Detects principal points that are centred only if x and y are swapped, in all views. One crop may have such a
 /// point by chance, but several different crops will not.
-fn exchanged_centres(views: &[View]) -> Option<String> {
-    let is_exchanged = |view: &View| {
+fn swapped_centres(views: &[View]) -> Option<String> {
+    let is_swapped = |view: &View| {
         let k = &view.intrinsics;
         let (w, h) = (f64::from(k.width), f64::from(k.height));
         let from_middle = |x: f64, y: f64| ((x - w / 2.0).abs() / w).max((y - h / 2.0).abs() / h);
@@ -28,10 +28,10 @@ fn exchanged_centres(views: &[View]) -> Option<String> {
     };
     let k = views
         .first()
-        .filter(|_| views.iter().all(is_exchanged))?
+        .filter(|_| views.iter().all(is_swapped))?
         .intrinsics;
     Some(format!(
-        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were exchanged; exchange them, or use the \
+        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were swapped; swap them, or use the \
          calibration for these pictures if it is for pictures turned by 90 degrees",
         number(k.cx),
         number(k.cy),
@@ -128,7 +128,7 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
     [
         sentence(&off_centre),
         sentence(&focal),
-        exchanged_centres(views),
+        swapped_centres(views),
     ]
     .into_iter()
     .flatten()

@@ -55,12 +55,12 @@ pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>,
         return (by_disparity(left, right), None);
     }
     let matches = Matches::new(views, effort);
-    let exchanged = matches.exchanged();
-    let exchanged = exchanged.map(|evidence| format!("{EXCHANGED} ({evidence})"));
-    (exchanged, Some(matches.note()))
+    let swapped = matches.swapped();
+    let swapped = swapped.map(|evidence| format!("{SWAPPED} ({evidence})"));
+    (swapped, Some(matches.note()))
 }
 
-const EXCHANGED: &str = "left and right are exchanged; exchange the pictures";
+const SWAPPED: &str = "left and right are swapped; swap the pictures";
 
 fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Option<String> {
     let baseline_m = baseline_m(&left.camera_from_world, &right.camera_from_world);
@@ -263,13 +263,13 @@ impl Pair {
         };
         let (factor, scaled) = fit((40, 2_f64.powf(0.25)), &|factor, d| factor * d);
         let mut readings = vec![
-            (EXCHANGED.to_owned(), self.explained(right, &same, stride)),
+            (SWAPPED.to_owned(), self.explained(right, &same, stride)),
             (
-                "left and right are exchanged, including the disparities; exchange pictures and disparities".to_owned(),
+                "left and right are swapped, including the disparities; swap pictures and disparities".to_owned(),
                 self.explained(left, &negated, stride),
             ),
             (
-                "the left picture's disparities are those of the right picture; exchange the disparities"
+                "the left picture's disparities are those of the right picture; swap the disparities"
                     .to_owned(),
                 self.explained(right, &negated, stride),
             ),

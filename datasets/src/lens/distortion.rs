@@ -36,7 +36,7 @@ pub enum Distortion {
         /// Coefficients of r² and r⁴ for the first coordinate, then for the second.
         s: [f64; 4],
     },
-    /// FOV: the radius becomes `atan(2 r tan(ω/2)) / ω`. (COLMAP's series for ω below 0.01 has its signs exchanged;
+    /// FOV: the radius becomes `atan(2 r tan(ω/2)) / ω`. (COLMAP's series for ω below 0.01 has its signs swapped;
     /// here the formula is used for every ω.)
     Fov { omega: f64 },
     /// DIVISION: `(u, v) · 2 / (1 + √(1 − 4 k r²))`, the inverse of a division by `1 + k r²`.

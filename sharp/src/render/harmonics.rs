@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     /// The functions, including the constant one, must be orthonormal over the sphere; this detects wrong factors or
-    /// signs within a function, and exchanged functions.
+    /// signs within a function, and swapped functions.
     #[test]
     fn the_basis_is_orthonormal() {
         let n = 400;

@@ -216,7 +216,7 @@ mod tests {
     fn a_photograph_is_the_novel_view_of_what_the_teacher_makes_of_it() {
         let photographs = ProceduralPhotographs::new(4, SIZE, TrainingWorlds::Varied);
         let samples = samples(0.6);
-        let mut before_when_exchanged = 0.0;
+        let mut before_when_swapped = 0.0;
         for k in 0..COUNT {
             let mut sample = samples.get(k).unwrap();
             let photograph = photographs.get(k).unwrap();
@@ -247,9 +247,9 @@ mod tests {
                 &mut sample.source.camera_from_world,
                 &mut sample.target.camera_from_world,
             );
-            before_when_exchanged += warped(&sample).1 / COUNT as f64;
+            before_when_swapped += warped(&sample).1 / COUNT as f64;
         }
-        assert!(before_when_exchanged > 0.01, "{before_when_exchanged}");
+        assert!(before_when_swapped > 0.01, "{before_when_swapped}");
     }
 
     #[test]

@@ -257,7 +257,7 @@ fn poses_that_mirror_space_are_said_to() {
 }
 
 #[test]
-fn an_exchanged_principal_point_is_named() {
+fn a_swapped_principal_point_is_named() {
     let case = untried("X25-depth-metres-npy");
     case.run(
         "sed -i 's/\"cx\": [0-9.]*/\"cx\": 24/; s/\"cy\": [0-9.]*/\"cy\": 32/' ns/transforms.json",
@@ -267,7 +267,7 @@ fn an_exchanged_principal_point_is_named() {
     ends(
         &said,
         4,
-        "the principal point (24, 32) would be centred in 64x48 if cx and cy were exchanged",
+        "the principal point (24, 32) would be centred in 64x48 if cx and cy were swapped",
     );
 }
 
@@ -286,7 +286,7 @@ fn stereo_pairs_that_contradict_themselves_are_named() {
             "X63-stereo-baseline-mm",
             "the baseline of 193 m is implausible, with a median depth of 2759 m; it may be in millimetres",
         ),
-        ("X63-stereo-swapped", "left and right are exchanged"),
+        ("X63-stereo-swapped", "left and right are swapped"),
     ] {
         let case = case(name);
         ends(&case.said[0], 4, cause);

@@ -170,7 +170,7 @@ fn turned_and_world_space_files_are_named_with_the_setting_that_mends_them() {
 #[test]
 fn harmonics_need_a_rule_or_are_dropped() {
     let case = case("A15-sh3");
-    refused(&case, &["rendering=NAME", "probably gsplat-classic"]);
+    refused(&case, &["rendering=RULE", "probably gsplat-classic"]);
     // 3D Gaussian Splatting's layout stores them; the release's layout cannot.
     ends(&case.said[2], 0);
     let view = "g/synthetic/seed0/view_00.ply";
@@ -215,7 +215,7 @@ fn harmonics_need_a_rule_or_are_dropped() {
 fn other_forms_are_refused_by_name_with_what_helps() {
     for (name, parts) in [
         ("A24-2dgs-no-scale2", ["2D Gaussian Splatting", "imported"]),
-        ("A25-uchar-rgb", ["rendering=NAME", "probably"]),
+        ("A25-uchar-rgb", ["rendering=RULE", "probably"]),
         ("A26-spz", ["`axes=rub`", "`axes=rdf`"]),
         ("X06-gz-as-ply", ["gzip", "unpack it"]),
     ] {

@@ -444,17 +444,17 @@ fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_
         let proper = stored(&format!("{kind}-again"), of, &RgbImage::clone);
         assert!(!proper.err.contains("look as if"), "{}", proper.err);
     }
-    let exchanged = |picture: &RgbImage| {
+    let swapped = |picture: &RgbImage| {
         let mut changed = picture.clone();
         changed.pixels_mut().for_each(|pixel| pixel.0.reverse());
         changed
     };
     let said = vec![
-        stored("bgr", "m", &exchanged),
+        stored("bgr", "m", &swapped),
         stored("mirrored", "m", &|picture| flip_horizontal(picture)),
     ];
     let all = Case { said, ..case };
-    all.is_said_everywhere("r-bgr", "look as if they have red and blue exchanged; ");
+    all.is_said_everywhere("r-bgr", "look as if they have red and blue swapped; ");
     all.is_said_everywhere("r-mirrored", "look as if they are mirrored left to right; ");
 }
 

@@ -41,7 +41,7 @@ enum DatasetsCommand {
     ///
     /// Reads cameras of every scene, decodes pictures and depth of some views of each, and projects
     /// depth between neighbouring views by their poses. Cannot detect a wrong scale of poses if
-    /// there is no depth, nor exchanged pictures outside the decoded sample. Writes nothing. Exit
+    /// there is no depth, nor swapped pictures outside the decoded sample. Writes nothing. Exit
     /// code 0 if the dataset is sound, 4 if something is broken, 1 if it cannot be opened.
     Check {
         /// The dataset, [NAME:]FORMAT=PATH[,key=value…]; several are checked one by one

@@ -53,7 +53,8 @@ impl ModelArgs {
     /// Opens Depth Pro's network instead of SHARP's.
     pub(crate) fn load_depth_pro(&self) -> anyhow::Result<DepthPro> {
         let checkpoint = self.checkpoint.as_deref();
-        let checkpoint = checkpoint.context("give Depth Pro's --checkpoint FILE")?;
+        let checkpoint =
+            checkpoint.context("--depth-only needs Depth Pro's weights: give --checkpoint FILE")?;
         let network = depth_pro_network(checkpoint, self.config.as_deref())?;
         Ok(DepthPro::open(&self.on_device(network))?)
     }

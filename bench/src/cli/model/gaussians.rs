@@ -29,7 +29,7 @@ enum GaussiansCommand {
     /// Show counts, histograms of opacity, scale and position, and whether positions can be metres
     /// in camera space
     Info {
-        /// The file
+        /// The Gaussian file
         ply: PathBuf,
         #[command(flatten)]
         reading: ReadingArgs,
@@ -43,9 +43,9 @@ enum GaussiansCommand {
                       sharp-bench gaussians convert scene.spz scene.ply --axes rub"
     )]
     Convert {
-        /// The file to read
+        /// The Gaussian file to read
         ply: PathBuf,
-        /// The file to write
+        /// The Gaussian file to write
         out: PathBuf,
         /// Output format; axes are OpenCV's, or for SPZ the format's own (rub) [default: by file
         /// name: .spz, .compressed.ply or .ply]

@@ -42,33 +42,35 @@ To trace a change of the full network, run `record` before the change and `parit
 recordings of the official network at full size is a test: cargo test --release -p sharp-tests --test golden_model --
 --ignored --test-threads=1
 
-A port of SHARP to another framework is compared by its output, a PLY for the same photograph:
-  sharp-bench parity --port theirs.ply --against photo.ply          (from the release or from predict)
-  sharp-bench parity --port theirs.ply --image photo.jpg            (runs the network)
+A port of SHARP to another framework is compared by its output, a PLY for the same photograph. The first command compares
+with a PLY of the release or of `predict`, the second runs the network:
+  sharp-bench parity --port theirs.ply --against photo.ply
+  sharp-bench parity --port theirs.ply --image photo.jpg
+
 Printed for each attribute are the median, the 99th percentile and the maximum of the differences between Gaussians, and
 the settings (axes, order, encodings) that explain large differences. Exit code 1 if a 99th percentile exceeds
 --tolerance, in pixels or per cent.")]
 pub(crate) struct ParityArgs {
     #[command(flatten)]
     model: ModelArgs,
-    /// The photograph that was recorded, or that the port predicted from
+    /// The photograph that was recorded (--golden), or that the port predicted from (--port)
     #[arg(long, value_name = "IMG", required_unless_present = "against")]
     image: Option<PathBuf>,
     #[command(flatten)]
     photo: PhotoArgs,
-    /// The recording
+    /// Compare with this recording, stage by stage
     #[arg(long, value_name = "REC.safetensors", required_unless_present = "port")]
     golden: Option<PathBuf>,
-    /// A port's Gaussians, in any format
+    /// Compare this file of a port's Gaussians, in any format; --color-space, --read and --axes describe it
     #[arg(long, value_name = "FILE", conflicts_with = "golden")]
     port: Option<PathBuf>,
-    /// Gaussians predicted from the same photograph by the release or by `predict` [default: the
-    /// network's prediction]
+    /// Compare --port with this PLY, predicted from the same photograph by the release or by `predict` [default:
+    /// the network's prediction from --image]
     #[arg(long, value_name = "PLY", requires = "port")]
     against: Option<PathBuf>,
     #[command(flatten)]
     reading: ReadingArgs,
-    /// Name of the recording within the file [default: the recording of the photograph]
+    /// Name of the recording within the --golden file [default: the recording of the photograph]
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
     /// Largest acceptable error [default: 1e-4 for a stage, 0.5 pixels or per cent for a port]

@@ -29,14 +29,16 @@ use crate::io::rendering_files;
 Examples:
   sharp-bench predict photo.jpg --out photo.ply
   sharp-bench predict holiday/*.jpg --out gaussians/ --plain --depth exr
-  sharp-bench predict photo.png --checkpoint mine.pt --config mine.json --focal-px 1200 --out photo.ply
+  sharp-bench predict photo.png --checkpoint mine.pt --config mine.json --focal-px 1200 \\
+      --out photo.ply
   sharp-bench predict photo.jpg --depth-only --checkpoint depth_pro.pt --out photo.exr
 
-The focal length sets the metric scale. It is read from --focal-px, else from the file's EXIF tags; without either, a
+The focal length sets the metric scale. It is read from --focal-px, else from the photograph's EXIF tags; without either, a
 30 mm lens on 35 mm film is assumed, with a warning.
 
---depth-only writes z-depth at the photograph's size by Depth Pro (github.com/apple/ml-depth-pro), whose checkpoint was never
-run here. If neither --focal-px nor a 35 mm equivalent in the file gives the focal length, the network estimates it.
+With --depth-only, Depth Pro (github.com/apple/ml-depth-pro) predicts z-depth at the photograph's size. Its published
+checkpoint was never run here. If neither --focal-px nor a 35 mm equivalent in the photograph gives the focal length, the
+network estimates it.
 
 Photographs are PNG, JPEG, WebP, TIFF or BMP: colour, grey, palette, 8 or 16 bit, CMYK. Palettes, 16 bit and CMYK are
 read with the colours that they represent. The release instead reads palette indices as grey levels, 16 bit as 8 bit,
@@ -49,7 +51,7 @@ pub(crate) struct PredictArgs {
     pub(super) model: ModelArgs,
     #[command(flatten)]
     pub(super) photo: PhotoArgs,
-    /// A .ply file or a folder (needed for several photographs); with --depth-only .exr or .png instead of .ply
+    /// A .ply file or a folder (needed for several photographs); with --depth-only, .exr or .png replaces .ply
     #[arg(long, value_name = "FILE_OR_DIR")]
     pub(super) out: PathBuf,
     /// Omit the PLY elements that the release adds and some viewers cannot read
@@ -69,7 +71,7 @@ pub(crate) struct PredictArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
 pub(super) enum DepthForm {
-    /// Metres, f32, channels `layer0.Z` and `layer1.Z` in one .exr (with --depth-only `Z`)
+    /// Metres, f32, channels `layer0.Z` and `layer1.Z` in one .exr; with --depth-only, one channel `Z`
     Exr,
     /// Millimetres, 16 bit, one .png per layer; depths beyond 65.534 m become 65535
     Png16,

@@ -24,7 +24,7 @@ pub(crate) struct RecordArgs {
     image: PathBuf,
     #[command(flatten)]
     photo: PhotoArgs,
-    /// Name of the recording within the file [default: the photograph's stem]
+    /// Name of the recording within the --out file [default: the photograph's stem]
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
     /// Write all values of a stage if there are at most this many

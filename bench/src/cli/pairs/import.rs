@@ -22,8 +22,10 @@ use crate::pairs::{DatasetConfig, clap_dataset};
 #[command(after_help = "\
 Examples:
   sharp-bench pairs import evaluation_index_re10k.json --form index       # counts the pairs
-  sharp-bench pairs import theirs.json --form index --context nearest --dataset colmap=data --out pairs.csv
-  sharp-bench run --protocol pixelsplat --pairs pairs.csv --dataset colmap=data --method copy --out runs/theirs")]
+  sharp-bench pairs import theirs.json --form index --context nearest \\
+      --dataset colmap=data --out pairs.csv
+  sharp-bench run --protocol pixelsplat --pairs pairs.csv --dataset colmap=data --method copy \\
+      --out runs/theirs")]
 pub(super) struct ImportArgs {
     /// The published list
     #[arg(value_name = "FILE")]

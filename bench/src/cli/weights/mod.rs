@@ -63,9 +63,9 @@ enum WeightsCommand {
     },
     /// Rewrite a checkpoint as .safetensors, with the checkpoint's sha256 in the header
     Convert {
-        /// The file to read
+        /// The checkpoint to read
         from: PathBuf,
-        /// The file to write
+        /// The .safetensors file to write
         to: PathBuf,
     },
     /// Write deterministic weights, computed from the tensors' names alone, for tests without real weights

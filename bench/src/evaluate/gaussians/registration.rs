@@ -10,7 +10,7 @@ const REACH: i32 = 3;
 const SEARCHES: usize = 8;
 /// Maximum picture width for the zoom search, in pixels.
 const WIDTH: u32 = 160;
-/// Zooms from exp(−n/50) to exp(n/50) are tried.
+/// Number of zooms tried on either side of 1, in steps of a factor of exp(0.02).
 const ZOOMS: i32 = 26;
 
 /// How far `picture` must be moved right and down to match, in steps of half a pixel.

@@ -105,10 +105,15 @@ impl Answer {
             let reserved = name.starts_with("crop_")
                 || name.starts_with("predicted_")
                 || matches!(name.as_str(), "scored_share" | "valid_share");
-            if name.is_empty() || !name.chars().all(plain) || reserved {
+            if name.is_empty() || !name.chars().all(plain) {
                 return Err(format!(
-                    "its extra '{}' is not a name of lower-case letters, digits and '_', or is a \
-                     reserved name",
+                    "its extra '{}' may contain only lower-case letters, digits and '_'",
+                    excerpt(name)
+                ));
+            }
+            if reserved {
+                return Err(format!(
+                    "its extra '{}' has a reserved name (crop_…, predicted_…, scored_share, valid_share)",
                     excerpt(name)
                 ));
             }

@@ -18,8 +18,8 @@ const FOCALS: (i32, f64) = (20, 1.0353);
 /// A common factor of fx and fy, which keeps pixels square, is preferred to a factor of one of them, unless the
 /// fraction of matches that it explains is lower by more than this.
 const MAX_LOST_BY_SQUARE: f64 = 0.03;
-/// Factors of the focal lengths that test whether the matches determine them; if so, these factors
-/// explain far fewer matches.
+/// Wrong focal lengths, as factors of the ones read. If the matches determine the focal length, each of these explains
+/// far fewer matches.
 const OTHER_FOCALS: [f64; 2] = [0.8, 1.25];
 /// Focal lengths whose relative difference is smaller are considered equal.
 const MAX_SAME_DIFFERENCE: f64 = 0.02;
@@ -38,9 +38,9 @@ impl Matches<'_> {
         }
     }
 
-    /// Tries exchanging the focal lengths of two kinds of views.
-    pub(super) fn exchanged_cameras(&self) -> Option<(Change, Vec<Option<bool>>)> {
-        let (text, factors) = exchanged_focals(self.views)?;
+    /// Tries swapping the focal lengths of two kinds of views.
+    pub(super) fn swapped_cameras(&self) -> Option<(Change, Vec<Option<bool>>)> {
+        let (text, factors) = swapped_focals(self.views)?;
         let other = self.with_focals(|i| factors[i]);
         let explained = other.explained(CONVENTIONS[0].take, &Some);
         Some((Change::Cameras(text), explained))
@@ -103,8 +103,8 @@ impl Matches<'_> {
     }
 }
 
-/// If the views have exactly two focal lengths, a description of their exchange and each view's factors.
-pub(in crate::check) fn exchanged_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
+/// If the views have exactly two focal lengths, a description of their swap and each view's factors.
+pub(in crate::check) fn swapped_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
     let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
     let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < MAX_SAME_DIFFERENCE;
     let one = views.first()?;
@@ -115,7 +115,7 @@ pub(in crate::check) fn exchanged_focals(views: &[View]) -> Option<(String, Vec<
     let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
     let factor = |view: &View| kinds[usize::from(is_same(focal(view), kinds[0]))] / focal(view);
     let text = format!(
-        "the focal lengths of {} ({} pixels) and {} ({}), and of views like them, appear to be exchanged",
+        "the focal lengths of {} ({} pixels) and {} ({}), and of views like them, appear to be swapped",
         one.id,
         number(kinds[0].x),
         two.id,

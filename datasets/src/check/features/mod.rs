@@ -20,7 +20,7 @@ use super::small_view::{Grey, SmallView, ray};
 use crate::View;
 use crate::view::evenly_spaced;
 
-pub(super) use focals::exchanged_focals;
+pub(super) use focals::swapped_focals;
 
 /// Maximum width to which views are reduced.
 const WIDEST: u32 = 192;
@@ -129,17 +129,17 @@ impl<'a> Matches<'a> {
         let order = |text| Change::Order(text, Moves::Poses);
         let starts: BTreeSet<usize> = self.matches.iter().map(|found| found.0).collect();
         let seen = || self.cameras.keys().copied();
-        let exchanged = seen().flat_map(|a| seen().filter(move |b| *b > a).map(move |b| (a, b)));
-        let exchanged: Vec<(usize, usize)> = exchanged.collect();
+        let swapped = seen().flat_map(|a| seen().filter(move |b| *b > a).map(move |b| (a, b)));
+        let swapped: Vec<(usize, usize)> = swapped.collect();
         let noun = Moves::Poses.noun();
-        let orders = orders(self.views, &starts, &exchanged, noun).into_iter();
+        let orders = orders(self.views, &starts, &swapped, noun).into_iter();
         let orders = orders.chain(thinned(self.views, noun));
         let orders = orders.map(|(text, pose_of, _)| {
             (order(text), self.explained(CONVENTIONS[0].take, &*pose_of))
         });
         let elsewhere = self.all_elsewhere(&starts, &as_read).into_iter();
         let elsewhere = elsewhere.map(|(text, explained)| (order(text), explained));
-        let cameras = self.exchanged_cameras().into_iter();
+        let cameras = self.swapped_cameras().into_iter();
         let better = cameras.chain(conventions).chain(self.other_focal(&as_read));
         let better = better.chain(orders).chain(elsewhere);
         let better =
@@ -183,8 +183,8 @@ impl<'a> Matches<'a> {
         all.into_values().collect()
     }
 
-    /// Evidence that the two pictures of a pair are exchanged, if it is significant.
-    pub(super) fn exchanged(&self) -> Option<String> {
+    /// Evidence that the two pictures of a pair are swapped, if it is significant.
+    pub(super) fn swapped(&self) -> Option<String> {
         let as_read = self.explained(CONVENTIONS[0].take, &Some);
         let other = self.explained(CONVENTIONS[0].take, &|i| Some(1 - i));
         Some(compared(&as_read, &other)?.evidence())

@@ -152,7 +152,7 @@ fn advised_settings_exist_in_every_reader() {
         Change::RayLength,
         Change::NoRayLength,
         Change::Focal(Focal::Both, 0.25),
-        Change::CentreExchanged,
+        Change::CentreSwapped,
         Change::Short(0.1),
         Change::Bent(0.1),
         Change::Turned("orientation=upright"),

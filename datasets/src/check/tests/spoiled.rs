@@ -65,7 +65,7 @@ fn picture_of(views: &mut [View], of: impl Fn(usize) -> usize) {
     }
 }
 
-fn exchanged(a: usize, b: usize) -> impl Fn(usize) -> usize {
+fn swapped(a: usize, b: usize) -> impl Fn(usize) -> usize {
     move |i| match i {
         i if i == a => b,
         i if i == b => a,
@@ -89,7 +89,7 @@ fn depth_maps_of_other_pictures_are_named() {
             "the pictures fit the depth maps in reverse order",
         ),
         (
-            |v| depth_of(v, exchanged(2, 6)),
+            |v| depth_of(v, swapped(2, 6)),
             "view_02 and view_06 have each other's depth map",
         ),
     ]);
@@ -167,10 +167,10 @@ fn depth_that_was_cut_off_is_named() {
 }
 
 #[test]
-fn exchanged_pictures_are_named() {
+fn swapped_pictures_are_named() {
     named(&[
         (
-            |v| picture_of(v, exchanged(2, 6)),
+            |v| picture_of(v, swapped(2, 6)),
             "view_02 and view_06 have each other's pose",
         ),
         (
@@ -249,7 +249,7 @@ fn pictures_of_other_poses_are_named_without_depth() {
         let order = [3_usize, 6, 1, 7, 0, 2, 8, 5, 4];
         for of in [
             &(|i: usize| order[i]) as &dyn Fn(usize) -> usize,
-            &exchanged(2, 6),
+            &swapped(2, 6),
         ] {
             let mut wrong = right.clone();
             picture_of(&mut wrong, of);
@@ -281,7 +281,7 @@ fn proper_scenes_of_many_kinds_contradict_nothing() {
 }
 
 #[test]
-fn exchanged_principal_points_are_named_and_crops_are_not() {
+fn swapped_principal_points_are_named_and_crops_are_not() {
     let right = views(0, SIZE);
     let of = |cx: f64, cy: f64| {
         let mut views = right.clone();
@@ -294,7 +294,7 @@ fn exchanged_principal_points_are_named_and_crops_are_not() {
     };
     for (cx, cy) in [(48.0, 64.0), (46.9, 65.5)] {
         let said = of(cx, cy);
-        assert!(said.contains("if cx and cy were exchanged"), "{said}");
+        assert!(said.contains("if cx and cy were swapped"), "{said}");
     }
     // Principal points of a whole picture, and of crops from the left, the bottom and a corner.
     for (cx, cy) in [
@@ -437,7 +437,7 @@ fn pairs_without_disparity_are_judged_by_their_rows() {
     }
     let wrong = scene().problems;
     assert!(
-        wrong.len() == 1 && wrong[0].contains("left and right are exchanged"),
+        wrong.len() == 1 && wrong[0].contains("left and right are swapped"),
         "{wrong:?}"
     );
     // A picture of one colour has no features.
@@ -522,9 +522,9 @@ fn one_wrong_view_is_named() {
     assert_eq!(said, ["view_03: the picture has a single colour"]);
 }
 
-/// An off-centre principal point is valid; with cx and cy exchanged, it is reported.
+/// An off-centre principal point is valid; with cx and cy swapped, it is reported.
 #[test]
-fn exchanged_principal_points_off_the_middle_are_named() {
+fn swapped_principal_points_off_the_middle_are_named() {
     let options = SyntheticOptions {
         width: 128,
         height: 96,
@@ -547,7 +547,7 @@ fn exchanged_principal_points_off_the_middle_are_named() {
     let said = found(&views);
     let is_named = said
         .iter()
-        .any(|one| one.contains("cx and cy appear to be exchanged"));
+        .any(|one| one.contains("cx and cy appear to be swapped"));
     assert!(is_named, "{said:?}");
 }
 
@@ -765,7 +765,7 @@ fn two_views_are_enough_for_inverse_depth_and_a_principal_point() {
 
 /// Two cameras of one scene, without depth.
 #[test]
-fn exchanged_focal_lengths_are_named_without_depth() {
+fn swapped_focal_lengths_are_named_without_depth() {
     let options = SyntheticOptions {
         width: 256,
         height: 192,
@@ -790,7 +790,7 @@ fn exchanged_focal_lengths_are_named_without_depth() {
     }
     let said = found(&views);
     let cause = "the focal lengths of view_00 (253.4 pixels) and view_01 (230.4), and of views like them, appear to \
-                 be exchanged";
+                 be swapped";
     assert!(said.len() == 1 && said[0].starts_with(cause), "{said:?}");
 }
 
@@ -811,9 +811,9 @@ fn zoom(view: &mut View, by: f64) {
     view.intrinsics.fy *= by;
 }
 
-/// No single exchange explains shuffled pictures, even if they have few colours.
+/// No single swap explains shuffled pictures, even if they have few colours.
 #[test]
-fn shuffled_pictures_are_named_and_not_called_exchanged() {
+fn shuffled_pictures_are_named_and_not_called_swapped() {
     fn flat(pixels: &mut Pixels) {
         pixels.turn(|picture| {
             let (w, h) = picture.dimensions();
@@ -857,7 +857,7 @@ fn turned_in_place(pose: &RigidTransform, rotation: DMat3) -> RigidTransform {
 }
 
 #[test]
-fn transposed_rotations_and_exchanged_translations_are_named() {
+fn transposed_rotations_and_swapped_translations_are_named() {
     fn each(views: &mut [View], take: impl Fn(&RigidTransform) -> RigidTransform) {
         for view in views {
             view.camera_from_world = take(&view.camera_from_world);

@@ -147,7 +147,7 @@ pub fn bias_gradient(upstream: &[f32], channels: usize) -> Vec<f32> {
 }
 
 /// Gradient with respect to the input, with weights packed for it. It is itself a convolution, with input and output
-/// channels exchanged and the kernel's taps reversed. If the forward stride exceeds 1, zeros are inserted between the
+/// channels swapped and the kernel's taps reversed. If the forward stride exceeds 1, zeros are inserted between the
 /// pixels of the upstream gradient.
 #[derive(Debug, Clone)]
 pub struct InputGradient {

@@ -141,7 +141,7 @@ pub(crate) fn warped(sample: &Sample) -> (f64, f64) {
 #[test]
 fn poses_and_depth_of_a_sample_agree() {
     let samples = ProceduralSamples::new(2, (96, 96), TrainingWorlds::Varied);
-    let mut mean_when_exchanged = 0.0;
+    let mut mean_when_swapped = 0.0;
     for k in 0..24 {
         let mut sample = samples.get(k).unwrap();
         let (there, before) = warped(&sample);
@@ -154,9 +154,9 @@ fn poses_and_depth_of_a_sample_agree() {
             &mut sample.source.camera_from_world,
             &mut sample.target.camera_from_world,
         );
-        mean_when_exchanged += warped(&sample).1 / 24.0;
+        mean_when_swapped += warped(&sample).1 / 24.0;
     }
-    assert!(mean_when_exchanged > 0.03, "{mean_when_exchanged}");
+    assert!(mean_when_swapped > 0.03, "{mean_when_swapped}");
 }
 
 #[test]
