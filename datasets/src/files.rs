@@ -19,7 +19,7 @@ pub struct Root {
     pub(crate) canonical: PathBuf,
     given: PathBuf,
     pub(crate) outside_allowed: bool,
-    /// The setting, if the dataset has one, that allows names and links to lead outside.
+    /// The dataset's setting, if any, that allows names and links to lead outside.
     pub(crate) remedy: &'static str,
 }
 

@@ -20,8 +20,8 @@ const FEWEST_SOURCES: usize = 4;
 /// The PSNR of outliers is lower than that of the other sources by at least this, in dB. Their squared error is then
 /// four times as large.
 const MIN_GAP: f64 = 6.0;
-/// The gap must be at least this multiple of the distance between the worst and the median of the other sources. A
-/// larger ratio is rare by chance.
+/// Sources are outliers only if the gap between them and the others is at least this multiple of the distance between
+/// the worst and the median of the others. A larger ratio is rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
 /// Across scenes, only sources below this PSNR, in dB, count as outliers. It is the PSNR of a uniform picture in the
 /// photograph's mean colour if the photograph's levels have a standard deviation of 45.

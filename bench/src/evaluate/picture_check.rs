@@ -22,7 +22,8 @@ use crate::scoring::Region;
 
 /// Maximum width compared, in pixels.
 const WIDTH: u32 = 160;
-/// Undoing a mirroring or rotation must bring a picture closer to its photograph by at least this, in dB.
+/// A mirroring or rotation is reported only if undoing it brings a picture closer to its photograph by at least this,
+/// in dB.
 const MIN_GAIN: f64 = 1.0;
 /// [`MIN_GAIN`] for swapped channels, which hardly change brightness, in dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
@@ -42,8 +43,8 @@ const BEYOND_ENDS: f64 = 0.002;
 /// A picture is a negative if its correlation with the photograph is below this; red and blue are swapped if the
 /// correlation of their difference is. Poor predictions have 0.4 to 0.8, and a tint does not matter.
 const MAX_OPPOSED_CORRELATION: f64 = -0.4;
-/// After undoing a change, a picture must explain at least this share of the photograph's variance; poor predictions
-/// reach a quarter.
+/// A change is reported only if the picture, after undoing it, explains at least this share of the photograph's
+/// variance; poor predictions reach a quarter.
 const MIN_EXPLAINED: f64 = 0.2;
 /// A picture whose correlation with the photograph is below this has little in common with it.
 pub(super) const UNLIKE: f64 = 0.15;

@@ -20,9 +20,9 @@ const INSET: f64 = 2.0 * HALF as f64 + 1.0;
 const REACH: f64 = 0.15;
 /// Radius of the second search, around the place found by the first, in pixels of the shrunk picture.
 const REFINED_REACH: i32 = 2;
-/// A block is found where its correlation is at least this.
+/// A block is found only where its correlation is at least this.
 const MIN_CORRELATION: f64 = 0.7;
-/// The correlation of a block must be lower elsewhere by at least this.
+/// A block is found only if its correlation is lower elsewhere by at least this.
 const MIN_DISTINCTION: f64 = 0.05;
 /// Framing is measured only if at least this many blocks are found.
 const MIN_FOUND: usize = 12;
@@ -34,10 +34,10 @@ const STEPS: usize = 12;
 const PRIOR: f64 = 0.05;
 /// A block agrees with a fit if its distance from it is at most this, in pixels.
 const MAX_OFF_FIT: f64 = 1.0;
-/// At least this share of the blocks must agree with a fit.
+/// A fit is accepted only if at least this share of the blocks agree with it.
 const MIN_AGREEING: f64 = 0.6;
-/// A fit must lower the mean distance from the epipolar lines by at least the first number, in pixels, and to at most
-/// the second number as a fraction of the distance before.
+/// A fit is accepted only if it lowers the mean distance from the epipolar lines by at least the first number, in
+/// pixels, and to at most the second number as a fraction of the distance before.
 const GAIN: (f64, f64) = (0.3, 0.5);
 /// [`GAIN`] for a distortion, which hardly moves the middle.
 const GAIN_OF_LENS: (f64, f64) = (0.1, 0.6);

@@ -35,11 +35,11 @@ const MIN_BLOCKS: usize = 8;
 const MIN_FOUND_SHARE: f64 = 0.4;
 /// A block is compared only if its true motion is at least this, in pixels.
 const MIN_MOTION: f64 = 3.0;
-/// At least this share of the blocks must agree with a multiple of the motion.
+/// A multiple of the motion is measured only if at least this share of the blocks agree with it.
 const MIN_AGREEING: f64 = 0.6;
-/// At least this share of the blocks must contradict the true motion if a multiple of it is reported.
+/// A multiple of the motion is reported only if at least this share of the blocks contradict the true motion.
 const MIN_CONTRADICTING: f64 = 0.5;
-/// At least this share of the blocks must agree with a misread pose.
+/// A misread pose is reported only if at least this share of the blocks agree with it.
 const MIN_POSE_SHARE: f64 = 0.5;
 /// Number of misread poses that are tried, including the source's own.
 const CANDIDATES: usize = 10;

@@ -23,9 +23,10 @@ const MIN_COVERED: f64 = 0.5;
 const MIN_RESIZED: f64 = 0.018;
 /// An edge counts as unmoved if it is off by less than this fraction of the picture's size.
 const MAX_UNMOVED: f64 = 0.009;
-/// Another place must bring the picture closer to the photograph by at least this, in dB.
+/// Another place of the photograph in the picture is reported only if it brings the two closer by at least this, in dB.
 const MIN_PLACE_GAIN_DB: f64 = 1.5;
-/// Panels must bring the picture closer to the photograph by at least this, in dB.
+/// Panels are reported only if reading the picture as panels brings it closer to the photograph by at least this, in
+/// dB.
 const MIN_PANEL_GAIN_DB: f64 = 3.0;
 
 /// Whether a picture shows the photograph in panels, or all of it at another size. Both are shrunk to the same size.

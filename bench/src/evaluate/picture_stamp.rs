@@ -18,18 +18,19 @@ const MAX_EQUAL_DIFFERENCE: u8 = 3;
 const MIN_TARGETS: usize = 4;
 /// Pictures are compared only if they have at least this many sources: predictions from one source may be alike.
 const MIN_SOURCES: usize = 3;
-/// At least this share of the pictures must have the content.
+/// Foreign content is reported only if at least this share of the pictures have it.
 const MIN_SHARE: f64 = 0.8;
-/// The median difference of these pictures' targets from their own median must be at least this, in levels. Content
-/// that the targets share as well is not foreign.
+/// Content is foreign only if the median difference of these pictures' targets from the targets' own median is at least
+/// this, in levels; otherwise, the targets share the content.
 const MIN_TARGET_DIFFERENCE: f64 = 8.0;
-/// The content must fill at least this many cells.
+/// Content is reported only if it fills at least this many cells.
 const MIN_CELLS: usize = 8;
-/// The content must fill at least this share of the rectangle around it: other faults are scattered.
+/// Content is reported only if it fills at least this share of the rectangle around it: other faults are scattered.
 const MIN_FILLED: f64 = 0.4;
-/// The content may fill at most this share of all cells: pictures that are wrong everywhere have another cause.
+/// Content is reported only if it fills at most this share of all cells: pictures that are wrong everywhere have
+/// another cause.
 const MAX_SHARE: f64 = 0.5;
-/// The content must have at least this contrast, levels: holes and backgrounds have one colour.
+/// Content is reported only if its contrast is at least this, in levels: holes and backgrounds have one colour.
 const MIN_CONTRAST: u8 = 24;
 
 /// Number of a cell, row by row, and its mean levels in the picture and in the target.

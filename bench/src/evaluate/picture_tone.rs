@@ -28,13 +28,13 @@ const MIN_CELLS: f64 = 0.5;
 const UNCLIPPED: std::ops::RangeInclusive<u8> = 12..=247;
 /// A finding is reported only if at least this many pictures of a dataset have it.
 const MIN_PICTURES: usize = 3;
-/// A curve must halve the error of at least this share of a dataset's pictures.
+/// A curve or dark corners are reported only if they hold for at least this share of a dataset's pictures.
 const MIN_SHARE: f64 = 0.8;
 /// A curve is sought only if the root mean square difference from the targets' levels is at least this.
 const MIN_OFF: f64 = 8.0;
 /// A curve explains levels if it reduces their squared error to at most this fraction.
 const MAX_EXPLAINED_ERROR: f64 = 0.25;
-/// A curve with more parameters must reduce the squared error to this fraction.
+/// A curve with more parameters is preferred only if it reduces the squared error to at most this fraction.
 const MAX_BETTER_ERROR: f64 = 0.6;
 /// A difference in exposure between sources and targets is reported only if at least this share of the pictures follow
 /// their sources.

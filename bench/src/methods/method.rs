@@ -85,7 +85,7 @@ impl<'a> SourceView<'a> {
         self.image
     }
 
-    /// Ground-truth z-depth in metres, 0 where unknown. `None` if the dataset has none, or the
+    /// Ground-truth z-depth in metres, 0 where unknown. `None` if the dataset has no depth, or the
     /// method does not have the [`Privilege`] to see it.
     pub fn depth(&self) -> Option<&'a DepthMap> {
         self.depth

@@ -9,7 +9,7 @@ use crate::io::atomic_files::FileError;
 use crate::io::rendering_files::{write_exr_channels, write_png};
 use crate::report::error_map::false_colours;
 
-/// One value per pixel; NaN where the metric has none.
+/// One value per pixel; NaN where the metric is undefined.
 pub type Values = ImageBuffer<Luma<f32>, Vec<f32>>;
 
 /// Values at the two ends of the colour scale. The dark end always means "alike", the bright end "different".
@@ -126,7 +126,7 @@ impl LocalMap {
 pub struct MapFiles {
     /// Path of the false-colour picture.
     pub png: PathBuf,
-    /// Path of the file with the values, one f32 channel `Y` at the picture's size; NaN where the metric has none.
+    /// Path of the file with the values, one f32 channel `Y` at the picture's size; NaN where the metric is undefined.
     pub exr: PathBuf,
 }
 

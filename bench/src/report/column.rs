@@ -174,7 +174,7 @@ impl Column {
         }
     }
 
-    /// The metric's lower bound; `None` if it has none.
+    /// The lower bound of LPIPS and DISTS; `None` for other metrics.
     pub(super) fn least(&self) -> Option<f64> {
         matches!(self.family(), "lpips" | "dists").then_some(0.0)
     }

@@ -41,7 +41,7 @@
 //! # Special cases
 //! | input | answer |
 //! |---|---|
-//! | all pairs equal | mean 0, p 1, interval 0..0, verdict none, also with one cluster |
+//! | all pairs equal | mean 0, p 1, interval 0..0, verdict none, even with one cluster |
 //! | ties | they are differences of zero, and count |
 //! | both scores infinite, of one sign | a difference of zero |
 //! | one score infinite | mean infinite, no interval, no p: nothing is left out silently |

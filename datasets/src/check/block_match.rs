@@ -13,7 +13,7 @@ const MAX_OFF: f64 = 1.0;
 /// A pair is judged only if at least this many blocks were compared.
 const MIN_BLOCKS: usize = 200;
 /// A pair is reported if less than this fraction of its blocks match best at their disparity. In consistent pairs it is
-/// 0.4 to 0.9, also with different exposures; with another scene's disparities it is below 0.2.
+/// 0.4 to 0.9, even with different exposures; with another scene's disparities it is below 0.2.
 const MIN_NEAR: f64 = 0.3;
 /// From this median correlation of the best matches on, two pictures count as showing one scene.
 const MIN_RELATED: f32 = 0.8;

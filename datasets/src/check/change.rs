@@ -91,7 +91,8 @@ impl Change {
         )
     }
 
-    /// Fraction of the loss that the change must remove, and how many standard errors the improvement must amount to.
+    /// The smallest gain for which this change is reported: the fraction of the loss that it removes, and the
+    /// improvement in standard errors.
     pub(super) fn least_gain(&self) -> (f64, f64) {
         let gain = match self {
             // Lens distortion has a small effect, but the same kind of effect everywhere.

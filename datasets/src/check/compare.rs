@@ -12,9 +12,9 @@ pub(super) const MIN_GAIN_OF_VIEWS: f64 = 0.15;
 /// Another interpretation is judged only if at least this many samples land in other views; with fewer, too little is
 /// visible.
 const MIN_LANDED: usize = 500;
-/// Another interpretation must be better in at least this fraction of the picture tiles.
+/// Another interpretation is better only if it is better in at least this fraction of the picture tiles.
 const MIN_SHARE: f64 = 0.75;
-/// The mean improvement over tiles must exceed this many of its standard errors.
+/// Another interpretation is better only if the mean improvement over tiles exceeds this many of its standard errors.
 pub(super) const MIN_ERRORS: f64 = 3.0;
 /// [`MIN_GAIN`] for lens distortion; proper scenes gain 0.003.
 pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;

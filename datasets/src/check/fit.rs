@@ -29,16 +29,16 @@ const MIN_OFF: f64 = 0.004;
 
 /// Colour differences count as explained up to this fraction of those between unrelated places.
 const MAX_EXPLAINED_COLOURS: f64 = 0.8;
-/// An interpretation must reduce colour differences above [`MAX_EXPLAINED_COLOURS`] to this fraction or less.
+/// Colour differences above [`MAX_EXPLAINED_COLOURS`] count as explained only if they are at most this fraction of those
+/// as read.
 const MAX_COLOURS_LEFT: f64 = 0.75;
 /// Colour differences above this multiple of those between unrelated places are never explained.
 const MAX_COLOURS: f64 = 1.0;
 /// If more than this fraction of the loss remains, rounded poses are the more likely cause.
 const MAX_LOSS_LEFT: f64 = 0.75;
-/// A factor of fx or fy alone that is above this, or below its reciprocal, must reduce colour differences to
-/// [`MAX_LEFT_BY_LARGE_FACTOR`].
+/// A factor of fx or fy alone is large if it is above this, or below the reciprocal of this.
 const LARGE_FACTOR: f64 = 1.25;
-/// Fraction to which colour differences must be reduced to accept a factor above [`LARGE_FACTOR`].
+/// A large factor of fx or fy alone is accepted only if it reduces colour differences to this fraction or less.
 const MAX_LEFT_BY_LARGE_FACTOR: f64 = 0.6;
 
 /// Samples per view in the coarse part of a search for a factor.

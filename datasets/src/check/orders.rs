@@ -17,12 +17,12 @@ use crate::view::evenly_spaced;
 /// Shifts and reorderings are tried only with at least this many views; with fewer, any assignment to poses may fit.
 const MIN_VIEWS: usize = 5;
 
-/// A shift starting at a later picture must explain at least this many pairs of neighbours better; a single one may be
-/// due to one wrong pose.
+/// A shift that starts after the first picture is reported only if it explains at least this many pairs of neighbours
+/// better; a single pair may be due to one wrong pose.
 const MIN_SHIFTED: usize = 2;
 
-/// The poses of two other views must remove at least this fraction of a pair's loss. The fraction is high, because
-/// these poses are the best of many.
+/// The poses of two other views fit a pair only if they remove at least this fraction of the pair's loss. The fraction
+/// is high, because these poses are the best of many.
 const MIN_GAIN_ELSEWHERE: f64 = 0.25;
 /// Samples per view in the search for the poses of two other views.
 const SAMPLES_ELSEWHERE: usize = 500;

@@ -23,9 +23,11 @@ const MIN_OFF: f64 = 0.008;
 const MAX_OFF: f64 = 0.12;
 /// Maximum magnification, and maximum reduction, of a depth map.
 const MAX_ZOOM: f64 = 1.6;
-/// Colour differences must fall to this share of those as read. Only colours show that depth belongs elsewhere.
+/// A registration is accepted only if colour differences fall to this share of those as read. Only colours show that
+/// depth belongs elsewhere.
 const MAX_LEFT: f64 = 0.9;
-/// The remaining colour differences may be at most this fraction of those between unrelated places.
+/// A registration is accepted only if the remaining colour differences are at most this fraction of those between
+/// unrelated places.
 const MAX_UNEXPLAINED: f64 = 0.75;
 
 const fn with(depth_at: Registration) -> Reading {

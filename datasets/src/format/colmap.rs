@@ -207,7 +207,8 @@ fn are_same_images(a: &[ColmapImage], b: &[ColmapImage]) -> bool {
             .all(|(name, a)| b.get(name).is_some_and(|b| same(a, b)))
 }
 
-/// Reads only the cameras of a model, of the same kind as its images; `None` if the folder has none.
+/// Reads only the cameras of a model, in the same format as its images; `None` if the folder has no
+/// cameras file.
 ///
 /// # Errors
 /// Names the file and what is wrong with it. If there are no images, text and binary cameras that contradict each other

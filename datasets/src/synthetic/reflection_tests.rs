@@ -1,4 +1,4 @@
-//! What mirrors and panes show, compared with worlds that have none.
+//! What mirrors and panes show, compared with worlds without them.
 
 use std::sync::Arc;
 

@@ -128,7 +128,7 @@ impl PictureRules {
             .filter(move |rule| !asked.contains(rule))
     }
 
-    /// True if a picture is to be turned by its EXIF orientation; `fit` is the size of its camera, if known.
+    /// Whether to turn a picture by its EXIF orientation. `fit` is the size that the picture's camera states, if known.
     pub fn turns(&self, header: &super::Header, fit: Option<(u32, u32)>) -> bool {
         let upright = header.orientation != 1;
         match (self.orientation, fit) {

@@ -20,7 +20,8 @@ const FEWEST_RAYS: usize = 300;
 /// Ray lengths are considered only if the logarithmic depth ratios spread by at least this. In a narrow field of view,
 /// ray lengths hardly differ from depths.
 const MIN_SPREAD: f64 = 0.01;
-/// Correcting for ray lengths must reduce the spread of the logarithmic depth ratios to this fraction or less.
+/// Ray lengths are reported only if correcting for them reduces the spread of the logarithmic depth ratios to this
+/// fraction or less.
 const LEFT_BY_RAYS: f64 = 0.4;
 
 /// Warns if the rendered depth seems to have another unit than the true depth, to be inverse depth, or to mix up depth

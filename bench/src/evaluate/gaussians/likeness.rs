@@ -15,10 +15,10 @@ const SIDES: (u32, u32) = (160, 120);
 /// Another reading is better only if its gain is at least this, in dB. If a file was read correctly, other readings change
 /// the error by only some hundredths of a dB.
 const MARGIN: f64 = 0.5;
-/// Number of standard errors that the gain must exceed.
+/// A gain is significant only if it exceeds this many of its standard errors.
 const SIGNIFICANCE: f64 = 3.0;
-/// Number of standard errors that the gain after fitting brightness and contrast must exceed; lower, because it only
-/// confirms the other gain.
+/// [`SIGNIFICANCE`] for the gain after fitting brightness and contrast; lower, because it only confirms the gain
+/// without the fit.
 const SIGNIFICANCE_FREE: f64 = 2.0;
 /// Two errors count as about equal up to this ratio.
 const MAX_ABOUT_EQUAL: f64 = 1.1;
@@ -257,13 +257,14 @@ impl Likeness {
             .then(|| (contrast, self.psnr() + gain))
     }
 
-    /// Whether this picture explains its photograph, and is significantly closer to it than `other` is to its own.
+    /// Whether this picture explains the photograph it was compared with and is significantly closer to it than the
+    /// picture of `other` is to the photograph of `other`.
     pub(in crate::evaluate) fn is_better_than(&self, other: &Self) -> bool {
         self.explains() && self.is_closer_than(other)
     }
 
-    /// Whether this picture is significantly closer to its photograph than `other` is to its own, both in squared error
-    /// and after fitting brightness and contrast.
+    /// Whether this picture is significantly closer to the photograph it was compared with than the picture of `other`
+    /// is to the photograph of `other`, both in squared error and after fitting brightness and contrast.
     pub(in crate::evaluate) fn is_closer_than(&self, other: &Self) -> bool {
         let share = |e: Errors| e.residual / e.variance;
         self.is_nearer_than(other) && self.gains(other, [share; 2], MARGIN / 2.0, SIGNIFICANCE_FREE)

@@ -30,7 +30,7 @@ const RULED_OUT_LOSS_DB: f64 = 1.0;
 /// [`RULED_OUT_LOSS_DB`] for reading opacities as logarithms: the stored values themselves are strong evidence for
 /// this, and the rendering of the source can hardly contradict it.
 const RULED_OUT_LOSS_OF_LOG_DB: f64 = 3.0;
-/// Errors in other views may grow by at most this factor.
+/// A reading is accepted only if errors in other views grow by at most this factor.
 const MAX_ERROR_ELSEWHERE: f64 = 1.1;
 /// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because other views must confirm it.
 const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
@@ -42,10 +42,10 @@ const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 2.0;
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
 /// [`MIN_RECOLORED_GAIN_DB`] for a form whose brightness and contrast are already the best fit.
 const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
-/// Changes of the focal length by less than this fraction count as small and must gain [`MIN_SMALL_ZOOM_GAIN_DB`]:
-/// slight enlargement may improve the fit of wrongly shaped Gaussians by chance.
+/// Changes of the focal length by less than this fraction count as small. A slight enlargement may improve the fit of
+/// wrongly shaped Gaussians by chance.
 const SMALL_ZOOM: f64 = 0.05;
-/// A small change of the focal length must gain at least this, in dB.
+/// A small change of the focal length is accepted only if it gains at least this, in dB.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
 /// Standard deviations may be base-10 logarithms only if more than this many Gaussians cover a pixel on average.
 const WIDE_LAYERS: f64 = 500.0;
@@ -80,7 +80,7 @@ fn general(rule: Rule) -> Rule {
 }
 
 impl Trial<'_> {
-    /// This trial under the rule of `reading`, if it has one.
+    /// This trial under the rule of `reading`, if `reading` sets one.
     fn under(&self, reading: &FileReading) -> Self {
         Self {
             rule: reading.rule.or(self.rule),

@@ -162,8 +162,8 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     })
 }
 
-/// Configurations, each with its `FILE#NAME`, in `STEM.json` next to the checkpoint, or if it has none, in all `.json`
-/// files there.
+/// Configurations, each with its `FILE#NAME`: those in `STEM.json` next to the checkpoint or, if there are none, those
+/// in all `.json` files there.
 fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     let own = checkpoint.with_extension("json");
     let of_file = |path: &Path| {

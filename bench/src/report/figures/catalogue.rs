@@ -8,7 +8,7 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct FigureEntry {
     pub name: &'static str,
-    /// The paper's label without `fig:`; empty if it has none.
+    /// The figure's label in the paper, without `fig:`; empty if the figure has no label.
     pub paper: &'static str,
     pub shows: &'static str,
     pub needs: &'static str,

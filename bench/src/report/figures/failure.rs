@@ -69,7 +69,7 @@ fn of_run(
     }
 }
 
-/// The dataset's depth of the target, or of the source if the target has none, with a caption that states which.
+/// The dataset's depth of the target, or of the source if the target has no depth, with a caption that states which.
 fn of_dataset(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,

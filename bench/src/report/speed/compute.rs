@@ -45,7 +45,7 @@ pub(super) struct MethodCompute {
     pub(super) run: String,
     pub(super) method: String,
     pub(super) renderer: String,
-    /// Device of the method's network, if it has one.
+    /// Device of the method's network; `None` for methods without a network.
     pub(super) device: Option<String>,
     pub(super) timings: Vec<Timing>,
 }

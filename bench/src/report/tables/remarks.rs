@@ -15,8 +15,8 @@ use super::rank::rounded;
 /// If a method scores worse than a baseline, its holes are mentioned if they are at least this share of the pixels.
 const MIN_HOLE_SHARE: f64 = 0.01;
 
-/// The metrics that have a score in some record, and a sentence on why the other metrics have none. If no metric has a
-/// score, returns all metrics, and their cells state the reason.
+/// The metrics that have a score in some record, and a sentence on why the other metrics have no scores. If no metric
+/// has a score, returns all metrics, and their cells state the reason.
 pub(in crate::report) fn scored(
     records: &[Record],
     metrics: &[Column],

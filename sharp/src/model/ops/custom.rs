@@ -99,7 +99,7 @@ pub(super) struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    /// Gradient with respect to the output before its ReLU, if it has one.
+    /// Gradient with respect to the output, or if it is `rectified`, with respect to the values before the ReLU.
     pub(super) fn upstream(&self, rectified: bool) -> Cow<'_, [f32]> {
         let mut upstream = Cow::Borrowed(self.upstream);
         if rectified {
