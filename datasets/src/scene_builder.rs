@@ -197,9 +197,9 @@ pub(crate) fn no_pose(error: &CameraError) -> &'static str {
 /// Choice of the pinhole camera to which a picture with lens distortion is resampled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Pinhole {
-    /// The widest one that shows nothing beyond the stored picture.
+    /// The widest camera that shows nothing beyond the stored picture.
     WithoutBlankPixels,
-    /// The one used by ScanNet++'s toolbox.
+    /// The camera that ScanNet++'s toolbox uses.
     LikeScanNetPp,
 }
 

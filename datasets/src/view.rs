@@ -45,7 +45,7 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// Names the file and why it cannot be read.
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError>;
 
-    /// Ground-truth depth with the photograph's size; `None` if the dataset has none for this view.
+    /// Ground-truth depth with the photograph's size; `None` if the dataset has no depth for this view.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.

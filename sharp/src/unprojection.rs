@@ -62,8 +62,8 @@ fn rotation_and_scales(covariance: DMat3) -> ([f32; 4], [f32; 3]) {
     )
 }
 
-/// For a symmetric matrix, the eigenvalues by descending magnitude, and the eigenvectors in the
-/// same order as a proper rotation; by cyclic Jacobi rotations.
+/// The eigenvalues of a symmetric matrix by descending magnitude, and a proper rotation whose columns are the
+/// eigenvectors in the same order, by cyclic Jacobi rotations.
 fn eigen_descending(symmetric: DMat3) -> (DVec3, DMat3) {
     let mut a = symmetric.to_cols_array_2d();
     let mut v = DMat3::IDENTITY.to_cols_array_2d();

@@ -278,7 +278,7 @@ pub(crate) struct Asked {
     version: String,
     of_source: bool,
     privileged: bool,
-    /// A shard to evaluate, as `--shard` takes it.
+    /// The shard to evaluate, in the syntax of `--shard`.
     shard: Option<String>,
     /// Path of a `run.toml`.
     config: Option<PathBuf>,

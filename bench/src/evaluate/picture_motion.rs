@@ -348,7 +348,7 @@ fn is_masked(picture: &RgbImage, place: DVec2) -> bool {
     }
 }
 
-/// Correlation of a block with another place, −1..1; `None` if that is not inside the picture.
+/// Correlation of a block with another place, −1..1; `None` if the block would not lie inside the picture there.
 pub(super) fn correlation(block: &[f64; AREA], picture: &RgbImage, place: DVec2) -> Option<f64> {
     let (other, _) = patch(picture, place)?;
     Some(block.iter().zip(other).map(|(a, b)| a * b).sum())

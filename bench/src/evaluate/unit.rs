@@ -67,9 +67,9 @@ impl Slot {
 pub struct ScoredPicture {
     /// SHA-256 of its size and pixels.
     pub sha256: String,
-    /// SHA-256 of the PNG in the run folder; `None` if none was kept.
+    /// SHA-256 of the PNG in the run folder; `None` if the picture was not kept.
     pub file_sha256: Option<String>,
-    /// SHA-256 of the EXR next to it (linear RGB and alpha); `None` if none was kept.
+    /// SHA-256 of the EXR next to the PNG (linear RGB and alpha); `None` if no EXR was kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub float_sha256: Option<String>,
 }

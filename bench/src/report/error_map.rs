@@ -88,7 +88,7 @@ pub fn absolute_error(
 }
 
 /// The error in colour, with `max` at the top of the scale, reduced to fit `side` pixels. Before colouring, errors are
-/// averaged over the pixels that are `scored`. A reduced pixel is [`hatched`] if most of the pixels behind it are not
+/// averaged over the pixels that are `scored`. A reduced pixel is [`hatched`] if most of the pixels that it covers are not
 /// scored.
 ///
 /// # Errors
@@ -106,11 +106,11 @@ pub fn picture(
     }))
 }
 
-/// A reduced pixel is hatched if less than this share of the pixels behind it is scored.
+/// A reduced pixel is hatched if less than this share of the pixels that it covers is scored.
 const MIN_SCORED: f32 = 0.5;
 
 /// Values in colour, averaged over the scored pixels and reduced to fit `side` pixels. A reduced pixel is [`hatched`]
-/// if the share of scored pixels behind it is below `min_scored`.
+/// if the share of scored pixels that it covers is below `min_scored`.
 pub(super) fn averaged(
     mut error: ImageBuffer<Luma<f32>, Vec<f32>>,
     scored: impl Fn(u32, u32) -> bool,

@@ -25,7 +25,7 @@ const JOBS: [&str; 5] = ["pictures", "score", "all", "merge", "every"];
 /// Writes one script per stage, the merge script and `submit.sh`; returns their paths.
 ///
 /// # Errors
-/// If the folder has no plan, or a file to be written exists and is not ours.
+/// If the folder has no plan, or a file to be written exists and was not written by this program.
 pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
     let Slurm { shards, out, .. } = request;
     let (estimate, name) = planned(shards)?;

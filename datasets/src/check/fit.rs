@@ -29,8 +29,8 @@ const MIN_OFF: f64 = 0.004;
 
 /// Colour differences count as explained up to this fraction of those between unrelated places.
 const MAX_EXPLAINED_COLOURS: f64 = 0.8;
-/// Colour differences above [`MAX_EXPLAINED_COLOURS`] count as explained only if they are at most this fraction of those
-/// as read.
+/// Colour differences above [`MAX_EXPLAINED_COLOURS`] count as explained only if they are at most this fraction of
+/// those as read.
 const MAX_COLOURS_LEFT: f64 = 0.75;
 /// Colour differences above this multiple of those between unrelated places are never explained.
 const MAX_COLOURS: f64 = 1.0;

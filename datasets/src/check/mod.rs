@@ -165,7 +165,7 @@ pub(crate) struct Effort {
     pairs: usize,
     /// Number of depth values per view that are projected.
     samples: usize,
-    /// True if the views around those pairs are also examined.
+    /// True if the views around the examined pairs are also examined.
     thorough: bool,
 }
 

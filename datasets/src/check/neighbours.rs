@@ -25,7 +25,8 @@ const EXPLAINED: f64 = 0.35;
 
 /// Two views differ in exposure if their levels differ by at least this factor.
 const MIN_EXPOSURE_FACTOR: f64 = 1.12;
-/// Two views differ in exposure only if correcting for the factor reduces their colour difference to this share or less.
+/// Two views differ in exposure only if correcting for the factor reduces their colour difference to this share or
+/// less.
 const MAX_LEFT_BY_EXPOSURE: f64 = 0.5;
 
 /// Neighbouring views of a scene at reduced size.

@@ -14,7 +14,8 @@ pub(super) enum Finish {
         thickness_m: f64,
         /// Fraction of each transmitted colour that is not absorbed.
         tint: DVec3,
-        /// Everything closer behind the pane than this, in metres, is skipped, such as the wall that a window is in.
+        /// Surfaces behind the pane that are closer to it than this, in metres, are skipped, such as the wall that a
+        /// window is in.
         opening_m: f64,
     },
 }

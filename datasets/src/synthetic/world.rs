@@ -373,8 +373,8 @@ impl World {
         albedo * arriving
     }
 
-    /// True if one of the objects is between a point and a light at a distance of `limit` direction vectors. All shapes
-    /// are convex, so the object that the point is on never blocks it.
+    /// True if one of the objects is between the point `from` and a light at `from + limit * towards`. All shapes are
+    /// convex, so the object that the point is on, `own`, never blocks it.
     fn blocked(&self, among: &[u32], own: usize, from: DVec3, towards: DVec3, limit: f64) -> bool {
         let others = among.iter().map(|&object| object as usize);
         others.filter(|object| *object != own).any(|object| {

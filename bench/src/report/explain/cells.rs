@@ -18,7 +18,7 @@ const SAME: f64 = 1e-9;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SceneReading {
     All,
-    /// If several scenes show one place in different light, exposure or rectification, only the first of them.
+    /// Only the first of several scenes that show one place in different light, exposure or rectification.
     OneAPlace,
 }
 

@@ -159,7 +159,7 @@ const CSV_MARK: &str = "dataset,metric,key,picture";
 /// Writes `explain.md` and `readings.csv`, which has one line per reading.
 ///
 /// # Errors
-/// If a file cannot be written, or exists and is not ours.
+/// If a file cannot be written, or exists and was not written by this program.
 pub fn write_explanations(runs: &[ExplainedRun], out: &Path) -> Result<Vec<PathBuf>, ReportError> {
     let mut page = format!("{MARK}\n");
     for run in runs {

@@ -57,7 +57,8 @@ impl Sheet {
     /// Writes the sheet in print quality as SVG, PNG and PDF. SVG and PDF embed the pictures at their own resolution.
     ///
     /// # Errors
-    /// If it has no picture, its columns are too narrow for text, or a file cannot be written or is not ours.
+    /// If it has no picture, its columns are too narrow for text, or a file cannot be written, or exists and was not
+    /// written by this program.
     pub fn write(
         &self,
         out: &Path,

@@ -30,7 +30,7 @@ const MARK: &str = "sharp-bench table";
 /// `NAME.html`.
 ///
 /// # Errors
-/// If a file cannot be written, or exists and is not ours.
+/// If a file cannot be written, or exists and was not written by this program.
 pub fn write_table(
     paper: &PublishedTable,
     table: &Table,

@@ -21,8 +21,8 @@ pub struct StageComparison {
     pub note: Option<String>,
 }
 
-/// All stages of a recording: first the computed ones, in order of computation, then the missing
-/// ones, whose error is infinite.
+/// All stages of a recording: first those that were computed, in order of computation, then those that were not, whose
+/// error is infinite.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RecordingComparison {
     pub stages: Vec<StageComparison>,
