@@ -27,7 +27,7 @@ use crate::report::{ReportError, plots as report_plots, scenes};
 use sharp_plots::Figure;
 use sharp_plots::style::FigureStyle;
 
-/// Maximum number of printed problems with a sheet; --json has all.
+/// Maximum number of printed problems with a sheet; `--json` prints all.
 const PROBLEMS: usize = 10;
 
 /// Make a figure of the paper from runs, in print quality

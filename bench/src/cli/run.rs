@@ -263,7 +263,7 @@ impl Display for Evaluated<'_> {
             ),
             None => write!(
                 f,
-                "{} and {} created; `--stage score` scores the pictures",
+                "{} and {} created; score the pictures with `--stage score`",
                 counted(counts.predicted, "prediction"),
                 counted(counts.rendered, "rendering")
             ),

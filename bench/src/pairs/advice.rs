@@ -59,7 +59,7 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
     } else if counts.views > 0 && counts.with_depth == 0 && counts.too_near + counts.too_far == 0 {
         without_depth(dataset, options)
     } else if counts.considered == 0 {
-        "no set has two views (--pair-options sets=, size= and remainder= define the sets)"
+        "no set has two views (the pair options sets=, size= and remainder= define the sets)"
             .to_owned()
     } else if counts.too_near + counts.too_far == counts.considered {
         let farthest = options.max_baseline_m.map_or_else(String::new, |most| {

@@ -88,8 +88,8 @@ pub fn absolute_error(
 }
 
 /// The error in colour, with `max` at the top of the scale, reduced to fit `side` pixels. Before colouring, errors are
-/// averaged over the pixels that are `scored`. A reduced pixel is [`hatched`] if most of the pixels that it covers are not
-/// scored.
+/// averaged over the pixels that are `scored`. A reduced pixel is [`hatched`] if most of the pixels that it covers are
+/// not scored.
 ///
 /// # Errors
 /// If the sizes differ.

@@ -36,7 +36,7 @@ impl Jackknife {
     }
 }
 
-/// The level at which Student's distribution is fitted to the exact one.
+/// The level at which Student's distribution is fitted to the exact distribution.
 const FITTED_AT: f64 = 0.05;
 
 /// See [`Jackknife::degrees_of_freedom`].

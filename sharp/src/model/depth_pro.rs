@@ -27,7 +27,7 @@ use crate::resize::bilinear_half_pixel;
 /// Name prefix of the depth network's parameters in SHARP's checkpoints.
 const SHARPS_DEPTH: &str = "monodepth_model.monodepth_predictor.";
 
-/// Name prefix of the field-of-view head, which a checkpoint may lack.
+/// Name prefix of the field-of-view head, which is missing in some checkpoints.
 const FOV: &str = "fov.";
 
 /// All parameters of Depth Pro, in order of construction. The sizes are those of the depth network of `config`.

@@ -73,7 +73,7 @@ pub struct MovedCamera {
 
 impl PairList {
     /// Compares photographs (by SHA-256) and cameras (by baseline and rotation) with the list's, and reports missing
-    /// views. Collects every problem, not just the first.
+    /// scenes and views. Collects every problem, not just the first.
     pub fn verify(&self, scenes: &[Scene]) -> Verification {
         let mut report = Verification::default();
         let mut absent = BTreeSet::new();

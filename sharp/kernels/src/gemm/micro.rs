@@ -6,7 +6,7 @@
 
 use crate::simd::{InstructionSet, Simd};
 
-/// Longest run of k that is summed at once. Longer sums are split into runs of this length, which also limits their
+/// Longest run of the inner dimension k that is summed at once. Longer sums are split into runs of this length, which also limits their
 /// rounding error.
 pub(crate) const KC: usize = 512;
 
