@@ -38,7 +38,7 @@ pub(super) fn print(result: &(impl Serialize + Display), as_json: bool) -> anyho
     }
 }
 
-/// Written files.
+/// The list of written files that `--json` prints.
 #[derive(Serialize)]
 pub(super) struct Written {
     pub(super) files: Vec<String>,
