@@ -10,7 +10,6 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use crate::DatasetEntry;
 use crate::depth::StereoGeometry;
 use crate::files::{self, Root};
 use crate::format::opencv_xml::{self, FileStorage, Node};
@@ -20,7 +19,7 @@ use crate::required_files::{PhotographPath, RequiredFile};
 use crate::setting::{Setting, choice, proxy};
 use crate::spec::PaperOverlap;
 use crate::stereo_pair::{self, Side, without_depth};
-use crate::{DatasetError, DatasetSpec, Scene, natural_order};
+use crate::{DatasetEntry, DatasetError, DatasetSpec, Scene, natural_order};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "booster",

@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use crate::DatasetEntry;
 use crate::camera_size::CAMERA_SIZE;
 use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
 use crate::files::{self, Root};
@@ -18,7 +17,7 @@ use crate::found_scenes::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{NO_POSE, Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::setting::{OUTSIDE, Setting, choice};
-use crate::{DatasetError, DatasetSpec, Scene, scene_notes};
+use crate::{DatasetEntry, DatasetError, DatasetSpec, Scene, scene_notes};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "colmap",

@@ -7,7 +7,6 @@
 
 use std::path::Path;
 
-use crate::DatasetEntry;
 use crate::depth::{DepthEncoding, ViewDepth};
 use crate::files::Root;
 use crate::format::colmap;
@@ -16,7 +15,7 @@ use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{NO_POSE, Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::setting::{Setting, choice, proxy};
 use crate::spec::PaperOverlap;
-use crate::{DatasetError, DatasetSpec, Scene};
+use crate::{DatasetEntry, DatasetError, DatasetSpec, Scene};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "eth3d",

@@ -12,7 +12,6 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use crate::DatasetEntry;
 use crate::depth::StereoGeometry;
 use crate::files::{self, Root};
 use crate::format::{calib, picture};
@@ -21,7 +20,7 @@ use crate::required_files::{PhotographPath, RequiredFile};
 use crate::setting::{Setting, choice, proxy};
 use crate::spec::PaperOverlap;
 use crate::stereo_pair::{self, Side, without_depth};
-use crate::{DatasetError, DatasetSpec, Scene};
+use crate::{DatasetEntry, DatasetError, DatasetSpec, Scene};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "middlebury",

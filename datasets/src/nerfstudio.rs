@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 
 use sharp::camera::RigidTransform;
 
-use crate::DatasetEntry;
 use crate::camera_size::CAMERA_SIZE;
 use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
 use crate::files::{self, Root};
@@ -19,7 +18,7 @@ use crate::mask::{Keep, MaskFile, WHITE};
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id, no_pose};
 use crate::setting::{OUTSIDE, Setting, choice};
-use crate::{DatasetError, DatasetSpec, Scene, scene_notes};
+use crate::{DatasetEntry, DatasetError, DatasetSpec, Scene, scene_notes};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "nerfstudio",

@@ -8,16 +8,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::DatasetEntry;
 use crate::depth::StereoGeometry;
-use crate::files::PICTURE_EXTENSIONS;
-use crate::files::{self, Root};
+use crate::files::{self, PICTURE_EXTENSIONS, Root};
 use crate::format::{FormatError, picture};
 use crate::found_scenes::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::spec::PaperOverlap;
 use crate::stereo_pair::{self, Side};
-use crate::{DatasetError, DatasetSpec, Scene};
+use crate::{DatasetEntry, DatasetError, DatasetSpec, Scene};
 
 const MAPS: &[&str] = &["pfm", "npy", "npz", "exr", "png"];
 

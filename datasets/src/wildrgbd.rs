@@ -10,7 +10,6 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::DatasetEntry;
 use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
@@ -21,7 +20,7 @@ use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, no_pose};
 use crate::setting::{Setting, choice, proxy};
 use crate::spec::PaperOverlap;
-use crate::{DatasetError, DatasetSpec, Scene, natural_order};
+use crate::{DatasetEntry, DatasetError, DatasetSpec, Scene, natural_order};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "wildrgbd",

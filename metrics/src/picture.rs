@@ -1,6 +1,6 @@
 //! Pictures and masks, the inputs of metrics.
 
-use image::{GrayImage, ImageBuffer, Rgb, Rgb32FImage, RgbImage};
+use image::{Rgb, Rgb32FImage, RgbImage};
 
 /// A three-channel, sRGB-encoded picture with values in 0..1.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,13 +51,6 @@ pub enum PictureError {
 }
 
 impl Picture {
-    /// Converts a grey 8-bit picture by replicating it to three channels.
-    pub fn from_gray8(gray: &GrayImage) -> Self {
-        Self::Rgb8(ImageBuffer::from_fn(gray.width(), gray.height(), |x, y| {
-            Rgb([gray.get_pixel(x, y).0[0]; 3])
-        }))
-    }
-
     /// Width and height in pixels.
     pub fn dimensions(&self) -> (u32, u32) {
         match self {
@@ -241,15 +234,6 @@ impl Mask {
         })
     }
 
-    /// Creates a mask from an 8-bit picture: levels of 128 and above are inside.
-    pub fn from_gray8(gray: &GrayImage) -> Self {
-        Self {
-            width: gray.width(),
-            height: gray.height(),
-            inside: gray.as_raw().iter().map(|&level| level >= 128).collect(),
-        }
-    }
-
     /// Width and height in pixels.
     pub fn dimensions(&self) -> (u32, u32) {
         (self.width, self.height)
@@ -359,15 +343,6 @@ mod tests {
     }
 
     #[test]
-    fn gray_is_replicated() {
-        let picture = Picture::from_gray8(&GrayImage::from_pixel(2, 1, image::Luma([9])));
-        assert_eq!(
-            picture,
-            Picture::Rgb8(RgbImage::from_pixel(2, 1, Rgb([9; 3])))
-        );
-    }
-
-    #[test]
     fn masks_shrink_by_whole_squares() {
         let mask = |rows: [&str; 4]| {
             let inside = rows.iter().flat_map(|row| row.bytes().map(|b| b == b'#'));
@@ -390,7 +365,7 @@ mod tests {
     #[test]
     fn masks_need_a_value_a_pixel() {
         assert!(Mask::new(2, 2, vec![true; 3]).is_none());
-        let mask = Mask::from_gray8(&GrayImage::from_raw(2, 1, vec![127, 128]).unwrap());
+        let mask = Mask::new(2, 1, vec![false, true]).unwrap();
         assert_eq!((mask.values(), mask.count()), ([false, true].as_slice(), 1));
     }
 }

@@ -4,8 +4,7 @@ use glam::{DMat3, DVec3};
 use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArray3, PyArrayLike2, PyArrayMethods};
 use pyo3::prelude::*;
 use sharp::camera::{Intrinsics, RigidTransform};
-use sharp_bench::pairs::DatasetConfig;
-use sharp_bench::pairs::{OpenDataset, PairError, PosedCamera};
+use sharp_bench::pairs::{DatasetConfig, OpenDataset, PairError, PosedCamera};
 use sharp_datasets as core;
 
 use crate::arrays;

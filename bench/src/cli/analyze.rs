@@ -1,18 +1,16 @@
 //! `analyze`: the paper's explanatory experiments.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::{Args, Subcommand};
-use serde::Serialize;
-use serde_json::{Map, Value};
-use sharp_metrics::{MetricInfo, Scorer};
+use serde_json::json;
+use sharp_metrics::Scorer;
 
 use super::metrics::demand_explicit;
-use super::output::{Terminal, Written};
+use super::output::Terminal;
 use super::{Outcome, output};
-use crate::analyze::translation::{Comparison, Experiment, Shifts, figure, strip, table};
+use crate::analyze::translation::{Experiment, Shifts, figure, strip, table};
 use crate::config::MetricConfig;
 use crate::config::metrics::demand_weights;
 use crate::io::atomic_files::{check_writable, write_atomic};
@@ -96,61 +94,31 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
         None => Vec::new(),
     };
     let (width, height) = experiment.reference.dimensions();
-    let measured = Sensitivity {
-        image: args.image.display().to_string(),
-        window: [width, height],
-        comparisons: experiment
-            .comparisons
-            .iter()
-            .map(ComparisonScores::new)
-            .collect(),
-        metrics: scorer.info(),
-        written: Written::new(&written),
-        table: table::table(&experiment, &name).text(),
+    let value = || {
+        let comparisons = experiment.comparisons.iter().map(|comparison| {
+            let [scores, unavailable] = json_scores(&comparison.scores);
+            json!({
+                "comparison": comparison.label(),
+                "shift_percent": comparison.shift.map(|(percent, _)| percent),
+                "shift_px": comparison.shift.map(|(_, pixels)| pixels),
+                "scores": scores,
+                "unavailable": unavailable,
+            })
+        });
+        json!({
+            "image": args.image.display().to_string(),
+            // Width and height of the compared part, in pixels.
+            "window": [width, height],
+            "comparisons": comparisons.collect::<Vec<_>>(),
+            "metrics": scorer.info(),
+            "files": output::names(&written),
+        })
     };
-    output::print(&measured, args.json)?;
+    output::print(args.json, value, || {
+        let table = table::table(&experiment, &name).text();
+        format!("{}\n{}", table.trim_end(), output::wrote(&written))
+    })?;
     Ok(Outcome::Done)
-}
-
-#[derive(Serialize)]
-struct Sensitivity {
-    image: String,
-    /// Width and height of the compared part, in pixels.
-    window: [u32; 2],
-    comparisons: Vec<ComparisonScores>,
-    metrics: Vec<MetricInfo>,
-    #[serde(flatten)]
-    written: Written,
-    #[serde(skip)]
-    table: String,
-}
-
-#[derive(Serialize)]
-struct ComparisonScores {
-    comparison: String,
-    shift_percent: Option<f64>,
-    shift_px: Option<f64>,
-    scores: Map<String, Value>,
-    unavailable: Map<String, Value>,
-}
-
-impl ComparisonScores {
-    fn new(comparison: &Comparison) -> Self {
-        let [scores, unavailable] = json_scores(&comparison.scores);
-        Self {
-            comparison: comparison.label(),
-            shift_percent: comparison.shift.map(|(percent, _)| percent),
-            shift_px: comparison.shift.map(|(_, pixels)| pixels),
-            scores,
-            unavailable,
-        }
-    }
-}
-
-impl Display for Sensitivity {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "{}\n{}", self.table.trim_end(), self.written)
-    }
 }
 
 /// Writes the table, the figure and the pictures; returns the files' paths.

@@ -1,10 +1,9 @@
 //! `bundle RUN`: packs the scores of a run into one small file.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
+use serde_json::json;
 
 use super::{Outcome, output};
 use crate::evaluate::write_bundle;
@@ -31,42 +30,33 @@ pub(super) struct BundleArgs {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct Packed {
-    out: String,
-    sha256: String,
-    bytes: u64,
-    units: usize,
-    missing: usize,
-}
-
-impl Display for Packed {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let units = counted(self.units, "unit");
-        write!(
-            f,
-            "{}  {units} in {:.1} kB",
-            self.out,
-            self.bytes as f64 / 1000.0
-        )
-    }
-}
-
 pub(super) fn execute(args: &BundleArgs) -> anyhow::Result<Outcome> {
     let results = write_bundle(&args.run, &args.out, args.times)?;
-    let packed = Packed {
-        out: args.out.display().to_string(),
-        sha256: file_sha256(&args.out)?,
-        bytes: std::fs::metadata(&args.out)?.len(),
-        units: results.records.len(),
-        missing: results.missing.len(),
-    };
-    output::print(&packed, args.json)?;
-    if !results.missing.is_empty() {
-        output::remark(format!(
-            "note: the run has not ended; missing: {}",
-            counted(results.missing.len(), "unit")
-        ));
+    let (units, missing) = (results.records.len(), results.missing.len());
+    let out = args.out.display();
+    let (sha256, bytes) = (file_sha256(&args.out)?, std::fs::metadata(&args.out)?.len());
+    output::print(
+        args.json,
+        || {
+            json!({
+                "out": out.to_string(),
+                "sha256": sha256,
+                "bytes": bytes,
+                "units": units,
+                "missing": missing,
+            })
+        },
+        || {
+            format!(
+                "{out}  {} in {:.1} kB",
+                counted(units, "unit"),
+                bytes as f64 / 1000.0
+            )
+        },
+    )?;
+    if missing > 0 {
+        let missing = counted(missing, "unit");
+        output::remark(format!("note: the run has not ended; missing: {missing}"));
     }
     Ok(Outcome::of_problems(super::report::warn_damaged(&results)))
 }

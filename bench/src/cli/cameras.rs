@@ -1,10 +1,9 @@
 //! `cameras export`: writes views to files.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use serde::Serialize;
+use serde_json::json;
 use sharp_datasets::Scene;
 
 use super::data_args::DatasetArgs;
@@ -45,36 +44,23 @@ struct CamerasExportArgs {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct ExportedViews {
-    out: String,
-    views: usize,
-    written: usize,
-    kept: usize,
-}
-
-impl Display for ExportedViews {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let Self {
-            out, written, kept, ..
-        } = self;
-        let views = counted(self.views, "view");
-        write!(f, "{views} in {out}: {written} written, {kept} kept")
-    }
-}
-
 pub(super) fn execute(args: &CamerasArgs) -> anyhow::Result<Outcome> {
     let CamerasCommand::Export(args) = &args.command;
     let datasets = args.datasets.open()?;
     let outcome = Outcome::Done.with_scenes_of(&datasets);
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
     let exported = cameras::export(&scenes, &args.out, &Terminal::default())?;
-    let exported = ExportedViews {
-        out: args.out.display().to_string(),
-        views: exported.written + exported.kept,
-        written: exported.written,
-        kept: exported.kept,
-    };
-    output::print(&exported, args.json)?;
+    let (written, kept) = (exported.written, exported.kept);
+    let (out, views) = (args.out.display().to_string(), written + kept);
+    output::print(
+        args.json,
+        || json!({"out": out, "views": views, "written": written, "kept": kept}),
+        || {
+            format!(
+                "{} in {out}: {written} written, {kept} kept",
+                counted(views, "view")
+            )
+        },
+    )?;
     Ok(outcome)
 }

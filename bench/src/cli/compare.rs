@@ -4,7 +4,6 @@ use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use serde::{Serialize, Serializer};
 use sharp_metrics::Family;
 
 use super::outcome::UsageError;
@@ -144,7 +143,11 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         breakdown: args.breakdown,
         page,
     };
-    output::print(&shown, args.json)?;
+    output::print(
+        args.json,
+        || comparison.json(&strata, &flips),
+        || shown.to_string(),
+    )?;
     let notes = anatomies.iter().flat_map(|anatomy| &anatomy.notes);
     for note in comparison.notes.iter().chain(notes) {
         output::remark(format!("note: {note}"));
@@ -162,13 +165,6 @@ struct ShownComparison<'a> {
     /// Whether the text lists the strata of pairs.
     breakdown: bool,
     page: Option<&'a Path>,
-}
-
-impl Serialize for ShownComparison<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let json = self.comparison.json(self.strata, self.flips);
-        json.serialize(serializer)
-    }
 }
 
 impl Display for ShownComparison<'_> {

@@ -7,8 +7,7 @@ use sharp_datasets::setting::PICTURES;
 use super::output;
 use crate::io::counts::counted;
 use crate::pairs::frame::Frame;
-use crate::pairs::{DatasetConfig, clap_dataset};
-use crate::pairs::{OpenDataset, PairError};
+use crate::pairs::{DatasetConfig, OpenDataset, PairError, clap_dataset};
 
 /// Datasets, and a selection of their scenes.
 #[derive(Debug, Args)]

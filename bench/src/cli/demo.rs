@@ -1,10 +1,9 @@
 //! `demo`: a complete evaluation on bundled data.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
+use serde_json::json;
 
 use super::output::Terminal;
 use super::report::{outcome, tables};
@@ -51,22 +50,6 @@ const METHODS: [&str; 4] = [
 
 /// Number of procedural pairs evaluated; the list has more.
 const SYNTHETIC_PAIRS: usize = 24;
-
-#[derive(Serialize)]
-struct Demonstrated {
-    run: String,
-    scores: String,
-    report: String,
-    #[serde(skip)]
-    tables: String,
-}
-
-impl Display for Demonstrated {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", self.tables)?;
-        write!(f, "report  {}\nrun     {}", self.report, self.run)
-    }
-}
 
 pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
@@ -120,12 +103,13 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         },
     )?;
     let run = args.out.join("run");
-    let evaluated = Demonstrated {
-        run: run.display().to_string(),
-        scores: run.join("scores.csv").display().to_string(),
-        report: files.html.display().to_string(),
-        tables: tables(&finished.results, None)?,
-    };
-    output::print(&evaluated, args.json)?;
+    let (scores, run) = (run.join("scores.csv").display().to_string(), run.display());
+    let page = files.html.display();
+    let tables = tables(&finished.results, None)?;
+    output::print(
+        args.json,
+        || json!({"run": run.to_string(), "scores": scores, "report": page.to_string()}),
+        || format!("{tables}\nreport  {page}\nrun     {run}"),
+    )?;
     Ok(outcome)
 }

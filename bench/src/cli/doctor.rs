@@ -1,7 +1,5 @@
 //! `doctor`: reports which components this machine has, which are missing, and how to get them.
 
-use std::fmt::{self, Display, Formatter};
-
 use clap::Args;
 use serde::Serialize;
 
@@ -29,21 +27,6 @@ struct Finding {
     advice: String,
 }
 
-#[derive(Serialize)]
-struct DoctorReport(Vec<Finding>);
-
-impl Display for DoctorReport {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        for finding in &self.0 {
-            writeln!(f, "{:<18} {}", finding.what, finding.found)?;
-            if !finding.advice.is_empty() {
-                writeln!(f, "{:<18} → {}", "", finding.advice)?;
-            }
-        }
-        Ok(())
-    }
-}
-
 fn finding(what: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Finding {
     Finding {
         what,
@@ -53,7 +36,18 @@ fn finding(what: &'static str, found: impl Into<String>, advice: impl Into<Strin
 }
 
 pub(super) fn execute(args: &DoctorArgs) -> anyhow::Result<Outcome> {
-    output::print(&DoctorReport(findings()), args.json)?;
+    let findings = findings();
+    let text = || {
+        let mut text = String::new();
+        for finding in &findings {
+            text += &format!("{:<18} {}\n", finding.what, finding.found);
+            if !finding.advice.is_empty() {
+                text += &format!("{:<18} → {}\n", "", finding.advice);
+            }
+        }
+        text
+    };
+    output::print(args.json, || &findings, text)?;
     Ok(Outcome::Done)
 }
 

@@ -1,16 +1,14 @@
 //! `explain`: finds out why a number differs from the published one.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
 use serde_json::{Value, json};
 use sharp_metrics::Selection;
 
 use super::Outcome;
 use super::outcome::UsageError;
-use super::output::{self, Terminal, Written};
+use super::output::{self, Terminal};
 use crate::config::metrics;
 use crate::pictures::keyed_scores::json_number;
 use crate::report::explain::text::{terminal, write_explanations};
@@ -108,32 +106,22 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         Some(out) => write_explanations(&runs, out)?,
         None => Vec::new(),
     };
-    let explained = ExplainedRuns {
-        table: table.name,
-        row: &args.row,
-        runs: runs.iter().map(to_json).collect(),
-        written: Written::new(&written),
-        text: terminal(&runs),
+    let value = || {
+        json!({
+            "table": table.name,
+            "row": args.row,
+            "runs": runs.iter().map(to_json).collect::<Vec<_>>(),
+            "files": output::names(&written),
+        })
     };
-    output::print(&explained, args.json)?;
+    output::print(args.json, value, || {
+        format!(
+            "{}\n{}",
+            terminal(&runs).trim_end(),
+            output::wrote(&written)
+        )
+    })?;
     Ok(outcome)
-}
-
-#[derive(Serialize)]
-struct ExplainedRuns<'a> {
-    table: &'a str,
-    row: &'a str,
-    runs: Vec<Value>,
-    #[serde(flatten)]
-    written: Written,
-    #[serde(skip)]
-    text: String,
-}
-
-impl Display for ExplainedRuns<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "{}\n{}", self.text.trim_end(), self.written)
-    }
 }
 
 fn to_json(run: &ExplainedRun) -> Value {

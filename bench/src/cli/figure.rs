@@ -1,15 +1,14 @@
 //! `figure NAME RUN…`: figures of a paper.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
-use serde::Serialize;
+use serde_json::json;
 use sharp_metrics::MetricKey;
 
 use super::outcome::UsageError;
-use super::output::{Terminal, Written};
+use super::output::Terminal;
 use super::report::{ShownRuns, warn_damaged};
 use super::sweep::{check_methods, style, sweep};
 use super::{Outcome, output};
@@ -17,7 +16,7 @@ use crate::evaluate::Results;
 use crate::io::atomic_files::{check_writable, write_all_over_own};
 use crate::io::pictures::read_rgb8;
 use crate::io::text::visible_line;
-use crate::report::figures::catalogue::{FIGURES, FigureEntry};
+use crate::report::figures::catalogue::FIGURES;
 use crate::report::figures::choice::{PairsChoice, PathChoice};
 use crate::report::figures::fidelity_time::SpeedSeconds;
 use crate::report::figures::from_runs::{self, SheetKind, SheetOptions};
@@ -169,7 +168,10 @@ struct UncertaintyArgs {
 
 pub(super) fn execute(args: &FigureArgs) -> anyhow::Result<Outcome> {
     match &args.figure {
-        FigureCommand::List { json } => list(*json),
+        FigureCommand::List { json } => {
+            output::print(*json, || FIGURES.as_slice(), list)?;
+            Ok(Outcome::Done)
+        }
         FigureCommand::Baselines(args) => plots(args, "baselines", from_runs::baselines),
         FigureCommand::Motion(args) => motion(args, false),
         FigureCommand::MotionPrivileged(args) => motion(args, true),
@@ -206,24 +208,14 @@ pub(super) fn execute(args: &FigureArgs) -> anyhow::Result<Outcome> {
     }
 }
 
-#[derive(Serialize)]
-struct FigureList(&'static [FigureEntry]);
-
-impl Display for FigureList {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|figure| {
-            writeln!(
-                f,
-                "{}\n  shows  {}\n  paper  {}\n  needs  {}\n  by     sharp-bench {}",
-                figure.name, figure.shows, figure.paper, figure.needs, figure.command
-            )
-        })
-    }
-}
-
-fn list(as_json: bool) -> anyhow::Result<Outcome> {
-    output::print(&FigureList(&FIGURES), as_json)?;
-    Ok(Outcome::Done)
+fn list() -> String {
+    let figures = FIGURES.iter().map(|figure| {
+        format!(
+            "{}\n  shows  {}\n  paper  {}\n  needs  {}\n  by     sharp-bench {}\n",
+            figure.name, figure.shows, figure.paper, figure.needs, figure.command
+        )
+    });
+    figures.collect()
 }
 
 /// Makes the paper's figure of motion ranges.
@@ -313,25 +305,8 @@ fn write_sheet(
     Ok(!problems.is_empty())
 }
 
-#[derive(Serialize)]
-struct WrittenFigure<'a> {
-    out: String,
-    #[serde(flatten)]
-    written: Written,
-    problems: &'a [String],
-}
-
-impl Display for WrittenFigure<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        self.written.fmt(f)
-    }
-}
-
 fn print(files: &[PathBuf], problems: &[String], args: &OutArgs) -> anyhow::Result<()> {
-    let figure = WrittenFigure {
-        out: args.out.display().to_string(),
-        written: Written::new(files),
-        problems,
-    };
-    output::print(&figure, args.json)
+    let out = args.out.display().to_string();
+    let value = || json!({"out": out, "files": output::names(files), "problems": problems});
+    output::print(args.json, value, || output::wrote(files))
 }

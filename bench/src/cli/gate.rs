@@ -1,6 +1,5 @@
 //! `gate --baseline A --candidate B`: decides in continuous integration whether B may replace A.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use anyhow::Context;
@@ -81,15 +80,6 @@ struct Judged<'a> {
     gate: &'a GateReport,
 }
 
-impl Display for Judged<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        for grid in self.gate.grids() {
-            writeln!(f, "{}", grid.text())?;
-        }
-        f.write_str(&self.headline)
-    }
-}
-
 pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
     let mut config = GateConfig::default();
     if let Some(path) = &args.config {
@@ -123,7 +113,15 @@ pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
         headline: report.headline(),
         gate: &report,
     };
-    output::print(&judged, args.json)?;
+    output::print(
+        args.json,
+        || &judged,
+        || {
+            let grids = report.grids().into_iter();
+            let grids: String = grids.map(|grid| format!("{}\n", grid.text())).collect();
+            grids + &judged.headline
+        },
+    )?;
     for note in &report.notes {
         output::remark(format!("note: {note}"));
     }

@@ -1,17 +1,16 @@
 //! `history`: runs over time.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use serde::Serialize;
+use serde_json::{Value, json};
 
 use super::outcome::UsageError;
 use super::{Outcome, output};
 use crate::evaluate::Occasion;
 use crate::io::atomic_files::write_all_over_own;
 use crate::io::text::visible_line;
-use crate::track::history::{self, History, HistoryError, Point};
+use crate::track::history::{self, HistoryError};
 
 /// Track runs over time: means with intervals, and which run changed them
 ///
@@ -93,89 +92,59 @@ fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
         other => other.into(),
     })?;
     let added = history::add(&args.dir, &args.run, occasion)?;
-    let entry = AddedEntry {
-        entry: ShownEntry::new(added.number, &added.occasion),
-        file: added.path.display().to_string(),
-        is_new: added.is_new,
-        damaged: &added.damaged,
-    };
-    output::print(&entry, args.json)?;
+    let file = added.path.display();
+    output::print(
+        args.json,
+        || {
+            let mut value = shown(added.number, &added.occasion);
+            value["file"] = json!(file.to_string());
+            value["is_new"] = json!(added.is_new);
+            value["damaged"] = json!(added.damaged);
+            value
+        },
+        || {
+            let Occasion { label, date, .. } = &added.occasion;
+            let known = match added.is_new {
+                true => String::new(),
+                false => format!(
+                    ", already added on {date} with the same results; use another --label or --commit for a new entry"
+                ),
+            };
+            format!("{file}  {label}{known}")
+        },
+    )?;
     Ok(outcome(&added.damaged))
 }
 
-#[derive(Serialize)]
-struct ShownEntry<'a> {
-    entry: u32,
-    label: &'a str,
-    commit: Option<&'a str>,
-    date: &'a str,
-}
-
-impl<'a> ShownEntry<'a> {
-    fn new(entry: u32, occasion: &'a Occasion) -> Self {
-        Self {
-            entry,
-            label: &occasion.label,
-            commit: occasion.commit.as_deref(),
-            date: &occasion.date,
-        }
-    }
-}
-
-#[derive(Serialize)]
-struct AddedEntry<'a> {
-    #[serde(flatten)]
-    entry: ShownEntry<'a>,
-    file: String,
-    is_new: bool,
-    damaged: &'a [String],
-}
-
-impl Display for AddedEntry<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let ShownEntry { label, date, .. } = self.entry;
-        write!(f, "{}  {label}", self.file)?;
-        match self.is_new {
-            true => Ok(()),
-            false => write!(
-                f,
-                ", already added on {date} with the same results; use another --label or --commit for a new entry"
-            ),
-        }
-    }
-}
-
-#[derive(Serialize)]
-struct ShownHistory<'a> {
-    schema: u32,
-    entries: Vec<ShownEntry<'a>>,
-    rows: Vec<&'a Point>,
-    damaged: &'a [String],
-    #[serde(skip)]
-    history: &'a History,
-}
-
-impl Display for ShownHistory<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", self.history.entries_grid().text())?;
-        let mut series = self.history.series_grids().into_iter();
-        series.try_for_each(|grid| writeln!(f, "{}", grid.text()))
-    }
+/// An entry as JSON.
+fn shown(number: u32, occasion: &Occasion) -> Value {
+    let Occasion {
+        label,
+        commit,
+        date,
+        ..
+    } = occasion;
+    json!({"entry": number, "label": label, "commit": commit, "date": date})
 }
 
 fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
     let history = history::read(&args.dir)?;
-    let entries = history.entries.iter();
-    let shown = ShownHistory {
-        schema: 1,
-        entries: entries
-            .map(|(n, occasion)| ShownEntry::new(*n, occasion))
-            .collect(),
-        rows: history.points().collect(),
-        damaged: &history.damaged,
-        history: &history,
+    let value = || {
+        let entries = history.entries.iter();
+        let entries = entries.map(|(number, occasion)| shown(*number, occasion));
+        json!({
+            "schema": 1,
+            "entries": entries.collect::<Vec<_>>(),
+            "rows": history.points().collect::<Vec<_>>(),
+            "damaged": history.damaged,
+        })
     };
-    output::print(&shown, args.json)?;
+    output::print(args.json, value, || {
+        let grids = [history.entries_grid()]
+            .into_iter()
+            .chain(history.series_grids());
+        grids.map(|grid| format!("{}\n", grid.text())).collect()
+    })?;
     let mut files: Vec<(&Path, Vec<u8>, &str)> = Vec::new();
     if let Some(path) = &args.csv {
         files.push((

@@ -1,10 +1,9 @@
 //! `man`: manual pages.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
+use serde_json::json;
 
 use super::{Outcome, help, output};
 use crate::io::atomic_files::write_over_own;
@@ -26,19 +25,6 @@ pub(super) struct ManArgs {
 /// Beginning of every manual page.
 const MARK: &str = ".ie";
 
-#[derive(Serialize)]
-struct Pages {
-    files: Vec<String>,
-    #[serde(skip)]
-    folder: String,
-}
-
-impl Display for Pages {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "wrote {} pages to {}", self.files.len(), self.folder)
-    }
-}
-
 pub(super) fn execute(args: &ManArgs) -> anyhow::Result<Outcome> {
     let mut command = help::command().disable_help_subcommand(true);
     command.build();
@@ -49,8 +35,11 @@ pub(super) fn execute(args: &ManArgs) -> anyhow::Result<Outcome> {
         files.push(path.display().to_string());
         Ok(())
     })?;
-    let folder = args.out.display().to_string();
-    output::print(&Pages { files, folder }, args.json)?;
+    output::print(
+        args.json,
+        || json!({ "files": files }),
+        || format!("wrote {} pages to {}", files.len(), args.out.display()),
+    )?;
     Ok(Outcome::Done)
 }
 

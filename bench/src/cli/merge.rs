@@ -1,10 +1,9 @@
 //! `merge`: joins run folders, or updates the tables of one.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
+use serde_json::json;
 
 use super::{Outcome, output};
 use crate::evaluate::merge;
@@ -32,41 +31,26 @@ pub(super) struct MergeArgs {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct Merged {
-    run: String,
-    units: usize,
-    missing: usize,
-    failed: usize,
-}
-
-impl Display for Merged {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let units = counted(self.units, "unit");
-        let Self {
-            run,
-            missing,
-            failed,
-            ..
-        } = self;
-        write!(f, "{units} in {run}: {missing} missing, {failed} failed")
-    }
-}
-
 pub(super) fn execute(args: &MergeArgs) -> anyhow::Result<Outcome> {
     let results = merge(&args.folders, args.out.as_deref())?;
     for text in results.warnings() {
         output::remark(format!("warning: {text}"));
     }
     let target = args.out.as_ref().or(args.folders.first());
-    let merged = Merged {
-        run: target.map_or_else(String::new, |path| path.display().to_string()),
-        units: results.records.len(),
-        missing: results.missing.len(),
-        failed: results.failures(),
-    };
-    output::print(&merged, args.json)?;
-    Ok(match (merged.missing, merged.failed) {
+    let run = target.map_or_else(String::new, |path| path.display().to_string());
+    let (units, missing) = (results.records.len(), results.missing.len());
+    let failed = results.failures();
+    output::print(
+        args.json,
+        || json!({"run": run, "units": units, "missing": missing, "failed": failed}),
+        || {
+            format!(
+                "{} in {run}: {missing} missing, {failed} failed",
+                counted(units, "unit")
+            )
+        },
+    )?;
+    Ok(match (missing, failed) {
         (0, 0) => Outcome::of_problems(results.manifest.lacks_files()),
         (0, _) => Outcome::RecordedFailures,
         _ => Outcome::Resumable,

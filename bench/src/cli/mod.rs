@@ -44,6 +44,7 @@ use clap::error::ErrorKind;
 use clap::{FromArgMatches, Parser, Subcommand};
 
 use crate::io::text::{one_line, shortened, visible, visible_line};
+use model::{gaussians, parity, predict, record};
 use outcome::{Outcome, UsageError, is_stopped, is_usage};
 
 /// Evaluates single-photograph view synthesis the way the SHARP paper does.
@@ -66,8 +67,25 @@ struct Cli {
     command: CliCommand,
 }
 
-#[derive(Debug, Subcommand)]
-enum CliCommand {
+/// Defines the commands, in the order of the help. A command's module has its arguments and `execute`.
+macro_rules! commands {
+    ($($name:ident($module:ident::$args:ident),)+) => {
+        #[derive(Debug, Subcommand)]
+        enum CliCommand {
+            $($name($module::$args),)+
+        }
+
+        impl CliCommand {
+            fn execute(&self) -> anyhow::Result<Outcome> {
+                match self {
+                    $(Self::$name(args) => $module::execute(args),)+
+                }
+            }
+        }
+    };
+}
+
+commands! {
     Demo(demo::DemoArgs),
     Run(run::RunArgs),
     Score(score::ScoreArgs),
@@ -91,11 +109,11 @@ enum CliCommand {
     Metrics(metrics::MetricsArgs),
     Analyze(analyze::AnalyzeArgs),
     Train(train::TrainArgs),
-    Predict(model::predict::PredictArgs),
+    Predict(predict::PredictArgs),
     Render(render::RenderArgs),
-    Gaussians(model::gaussians::GaussiansArgs),
-    Record(model::record::RecordArgs),
-    Parity(model::parity::ParityArgs),
+    Gaussians(gaussians::GaussiansArgs),
+    Record(record::RecordArgs),
+    Parity(parity::ParityArgs),
     Weights(weights::WeightsArgs),
     Doctor(doctor::DoctorArgs),
     Schema(schema::SchemaArgs),
@@ -164,41 +182,7 @@ impl Cli {
         if self.quiet {
             output::silence_progress();
         }
-        match self.command {
-            CliCommand::Demo(args) => demo::execute(&args),
-            CliCommand::Run(args) => run::execute(&args),
-            CliCommand::Score(args) => score::execute(&args),
-            CliCommand::Scale(args) => scale::execute(&args),
-            CliCommand::Status(args) => status::execute(&args),
-            CliCommand::Merge(args) => merge::execute(&args),
-            CliCommand::Report(args) => report::execute(&args),
-            CliCommand::Explain(args) => explain::execute(&args),
-            CliCommand::Table(args) => table::execute(&args),
-            CliCommand::Speed(args) => speed::execute(&args),
-            CliCommand::Sweep(args) => sweep::execute(&args),
-            CliCommand::Figure(args) => figure::execute(&args),
-            CliCommand::Bundle(args) => bundle::execute(&args),
-            CliCommand::Compare(args) => compare::execute(&args),
-            CliCommand::Gate(args) => gate::execute(&args),
-            CliCommand::History(args) => history::execute(&args),
-            CliCommand::Pairs(args) => pairs::execute(&args),
-            CliCommand::Protocols(args) => protocols::execute(&args),
-            CliCommand::Cameras(args) => cameras::execute(&args),
-            CliCommand::Datasets(args) => datasets::execute(&args),
-            CliCommand::Metrics(args) => metrics::execute(&args),
-            CliCommand::Analyze(args) => analyze::execute(&args),
-            CliCommand::Train(args) => train::execute(&args),
-            CliCommand::Predict(args) => model::predict::execute(&args),
-            CliCommand::Gaussians(args) => model::gaussians::execute(&args),
-            CliCommand::Record(args) => model::record::execute(&args),
-            CliCommand::Parity(args) => model::parity::execute(&args),
-            CliCommand::Render(args) => render::execute(&args),
-            CliCommand::Weights(args) => weights::execute(&args),
-            CliCommand::Doctor(args) => doctor::execute(&args),
-            CliCommand::Schema(args) => schema::execute(&args),
-            CliCommand::Completions(args) => completions::execute(&args),
-            CliCommand::Man(args) => man::execute(&args),
-        }
+        self.command.execute()
     }
 }
 

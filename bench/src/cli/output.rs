@@ -1,7 +1,6 @@
 //! Prints results to standard output, so that they can be piped, and notes, warnings and progress
 //! to standard error.
 
-use std::fmt::{self, Display, Formatter};
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use serde_json::json;
 
 use crate::io::observer::Observer;
 use crate::io::text::{visible, visible_line};
@@ -27,35 +27,33 @@ pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?)
 }
 
-/// Prints a command's result: indented JSON with `--json`, otherwise its text. Prints nothing if the text is empty.
-pub(super) fn print(result: &(impl Serialize + Display), as_json: bool) -> anyhow::Result<()> {
+/// Prints a command's result: with `--json` the value as indented JSON, otherwise the text. Prints nothing if the text is
+/// empty.
+pub(super) fn print<V: Serialize>(
+    as_json: bool,
+    value: impl FnOnce() -> V,
+    text: impl FnOnce() -> String,
+) -> anyhow::Result<()> {
     if as_json {
-        return json(result);
+        return json(&value());
     }
-    match result.to_string().trim_end() {
+    match text().trim_end() {
         "" => Ok(()),
         text => line(text),
     }
 }
 
-/// The list of written files that `--json` prints.
-#[derive(Serialize)]
-pub(super) struct Written {
-    pub(super) files: Vec<String>,
+/// Prints the paths of written files.
+pub(super) fn print_written(as_json: bool, files: &[PathBuf]) -> anyhow::Result<()> {
+    let value = || json!({ "files": names(files) });
+    print(as_json, value, || wrote(files))
 }
 
-impl Written {
-    pub(super) fn new(files: &[PathBuf]) -> Self {
-        let files = names(files);
-        Self { files }
-    }
-}
-
-impl Display for Written {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let mut files = self.files.iter();
-        files.try_for_each(|file| writeln!(f, "wrote {file}"))
-    }
+/// A line for each written file.
+pub(super) fn wrote(files: &[PathBuf]) -> String {
+    let lines = files.iter();
+    let lines = lines.map(|file| format!("wrote {}\n", file.display()));
+    lines.collect()
 }
 
 pub(super) fn names(paths: &[PathBuf]) -> Vec<String> {

@@ -3,7 +3,6 @@
 use std::fmt::{self, Display, Formatter};
 
 use clap::Args;
-use serde::Serialize;
 
 use super::outcome::UsageError;
 use super::{Outcome, output};
@@ -31,24 +30,19 @@ pub(super) struct ProtocolsArgs {
 
 pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
     match &args.name {
-        None => output::print(&ProtocolList(&PROTOCOLS), args.json)?,
+        None => output::print(args.json, || PROTOCOLS.as_slice(), list)?,
         Some(name) => {
             let protocol = Protocol::named(name).map_err(|error| UsageError(error.to_string()))?;
-            output::print(protocol, args.json)?;
+            output::print(args.json, || protocol, || protocol.to_string())?;
         }
     }
     Ok(Outcome::Done)
 }
 
-#[derive(Serialize)]
-struct ProtocolList(&'static [Protocol]);
-
-impl Display for ProtocolList {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let mut protocols = self.0.iter();
-        protocols
-            .try_for_each(|protocol| writeln!(f, "{:<14} {}", protocol.name, summary(protocol)))
-    }
+fn list() -> String {
+    let protocols = PROTOCOLS.iter();
+    let lines = protocols.map(|protocol| format!("{:<14} {}\n", protocol.name, summary(protocol)));
+    lines.collect()
 }
 
 impl Display for Protocol {

@@ -1,14 +1,13 @@
 //! `report RUN…`: writes tables, plots and a browsable page for runs.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
+use serde_json::json;
 
 use super::metrics::describe;
 use super::outcome::UsageError;
-use super::output::{Terminal, Written};
+use super::output::Terminal;
 use super::{Outcome, output};
 use crate::evaluate::{Aggregation, Named, Results, Shown, UnitCounts, join_under};
 use crate::report::statistics::Uncertainty;
@@ -85,29 +84,6 @@ impl ShownRuns {
     }
 }
 
-#[derive(Serialize)]
-struct WrittenReport {
-    out: String,
-    layout: Layout,
-    files: Vec<String>,
-    not_scored: Vec<String>,
-    #[serde(skip)]
-    page: String,
-    #[serde(skip)]
-    tables: String,
-}
-
-impl Display for WrittenReport {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let pictures = match self.layout {
-            Layout::File => "one file",
-            Layout::Folder => "pictures in thumbs/ next to the page",
-        };
-        writeln!(f, "{}", self.tables)?;
-        write!(f, "report  {}  ({pictures})", self.page)
-    }
-}
-
 pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     let results = args.runs.results(args.aggregate)?;
     if args.methods_text {
@@ -137,15 +113,22 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         ..ReportOptions::default()
     };
     let files = report::report(&results, &scenes, &out, &options)?;
-    let written = WrittenReport {
-        out: out.display().to_string(),
-        layout: files.layout,
-        files: output::names(&files.all),
-        not_scored: output::names(&files.not_scored),
-        page: files.html.display().to_string(),
-        tables: tables(&results, args.uncertainty)?,
+    let tables = tables(&results, args.uncertainty)?;
+    let value = || {
+        json!({
+            "out": out.display().to_string(),
+            "layout": files.layout,
+            "files": output::names(&files.all),
+            "not_scored": output::names(&files.not_scored),
+        })
     };
-    output::print(&written, args.json)?;
+    output::print(args.json, value, || {
+        let pictures = match files.layout {
+            Layout::File => "one file",
+            Layout::Folder => "pictures in thumbs/ next to the page",
+        };
+        format!("{tables}\nreport  {}  ({pictures})", files.html.display())
+    })?;
     warn_not_scored(&files.not_scored);
     let damaged = warn_damaged(&results);
     Ok(Outcome::of_problems(
@@ -159,7 +142,7 @@ fn methods_text(results: &Results, args: &ReportArgs) -> anyhow::Result<Outcome>
         return describe::methods_text(&text, args.json);
     };
     let files = text.write(out)?;
-    output::print(&Written::new(&files), args.json)?;
+    output::print_written(args.json, &files)?;
     Ok(Outcome::Done)
 }
 

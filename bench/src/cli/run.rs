@@ -193,7 +193,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         let Some(counts) = unless_stopped(counts)? else {
             return Ok(Outcome::Resumable);
         };
-        output::print(&ShardDone::new(root, shard, counts), args.json)?;
+        print_shard(args.json, root, shard, counts)?;
         return Ok(outcome(counts, args.stage.scores()).or(complete));
     }
     let Some(out) = args.out.as_deref().filter(|_| !args.dry_run) else {
@@ -201,7 +201,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
             manifest: &evaluation.manifest()?,
             units: evaluation.status(args.out.as_deref())?,
         };
-        output::print(&found, args.json)?;
+        output::print(args.json, || &found, || found.to_string())?;
         return Ok(complete);
     };
     if args.plan_only {
@@ -224,7 +224,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
             false => None,
         },
     };
-    output::print(&evaluated, args.json)?;
+    output::print(args.json, || &evaluated, || evaluated.to_string())?;
     Ok(outcome(finished.counts, args.stage.scores()).or(complete))
 }
 
@@ -327,44 +327,31 @@ fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<
     }
 }
 
-#[derive(Serialize)]
-pub(super) struct ShardDone {
-    run: String,
-    shard: String,
-    #[serde(flatten)]
+pub(super) fn print_shard(
+    as_json: bool,
+    root: &Path,
+    shard: Shard,
     counts: UnitCounts,
-}
-
-impl ShardDone {
-    pub(super) fn new(root: &Path, shard: Shard, counts: UnitCounts) -> Self {
-        Self {
-            run: root.display().to_string(),
-            shard: shard.to_string(),
-            counts,
-        }
+) -> anyhow::Result<()> {
+    #[derive(Serialize)]
+    struct ShardDone {
+        run: String,
+        shard: String,
+        #[serde(flatten)]
+        counts: UnitCounts,
     }
-}
-
-impl Display for ShardDone {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let UnitCounts {
-            units,
-            reused,
-            scored,
-            failed,
-            waiting,
-            left,
-            ..
-        } = self.counts;
-        write!(
-            f,
-            "shard {} of {}: {}, {reused} done before, {scored} scored, {failed} failed, {waiting} waiting, {left} \
-             not started",
-            self.shard,
-            self.run,
-            counted(units, "unit")
-        )
-    }
+    let run = root.display().to_string();
+    let text = format!(
+        "shard {shard} of {run}: {}, {} done before, {} scored, {} failed, {} waiting, {} not started",
+        counted(counts.units, "unit"),
+        counts.reused,
+        counts.scored,
+        counts.failed,
+        counts.waiting,
+        counts.left
+    );
+    let shard = shard.to_string();
+    output::print(as_json, || ShardDone { run, shard, counts }, || text)
 }
 
 impl Display for Estimate {
@@ -412,7 +399,7 @@ impl Display for Estimate {
 }
 
 fn print_estimate(estimate: &Estimate, as_json: bool) -> anyhow::Result<()> {
-    output::print(estimate, as_json)?;
+    output::print(as_json, || estimate, || estimate.to_string())?;
     if let Estimate {
         measured_pairs,
         measured_failures: failures @ 1..,

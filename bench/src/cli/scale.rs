@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::outcome::UsageError;
-use super::output::Written;
 use super::{Outcome, output};
 use crate::config::RunConfig;
 use crate::evaluate::RunFolder;
@@ -160,6 +159,6 @@ pub(super) fn execute(args: &ScaleArgs) -> anyhow::Result<Outcome> {
              files again with --allow-programs"
         ));
     }
-    output::print(&Written::new(&files), shards.json)?;
+    output::print_written(shards.json, &files)?;
     Ok(Outcome::Done)
 }

@@ -4,10 +4,9 @@ use clap::{Args, ValueEnum};
 
 use super::{Outcome, output};
 use crate::config::RunConfig;
-use crate::evaluate::Manifest;
-use crate::evaluate::RunPlan;
 use crate::evaluate::record::Record;
 use crate::evaluate::unit::Unit;
+use crate::evaluate::{Manifest, RunPlan};
 
 /// Print the JSON Schema of a file in a run folder
 #[derive(Debug, Args)]

@@ -1,19 +1,18 @@
 //! `score`: adds metrics to kept predictions.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Args;
-use serde::Serialize;
+use serde_json::json;
 use sharp_metrics::{InstructionSet, Selection, Simd};
 
 use super::memory::MemoryArgs;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::report::{outcome, tables};
-use super::run::{ShardDone, time};
+use super::run::{print_shard, time};
 use super::{Outcome, output};
 use crate::config::MetricConfig;
 use crate::evaluate::{RunFolder, Shard, rescore, score_shard};
@@ -52,25 +51,6 @@ pub(super) struct ScoreArgs {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct Rescored {
-    run: String,
-    units: usize,
-    reused: usize,
-    scored: usize,
-    not_kept: usize,
-    left: usize,
-    failed: usize,
-    #[serde(skip)]
-    tables: String,
-}
-
-impl Display for Rescored {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.tables)
-    }
-}
-
 pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     let manifest = RunFolder::open(&args.run)?.manifest()?;
@@ -93,23 +73,25 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
         let scoring = args.metrics.complete_scoring(&selection)?;
         let counts = score_shard(&args.run, &scoring, shard, limit, &terminal)?;
         args.memory.say_if_exceeded();
-        output::print(&ShardDone::new(&args.run, shard, counts), args.json)?;
+        print_shard(args.json, &args.run, shard, counts)?;
         return Ok(outcome(counts, true));
     }
     let scoring = args.metrics.complete_scoring(&args.metrics.selection()?)?;
     let (counts, results) = rescore(&args.run, &scoring, limit, &terminal)?;
     args.memory.say_if_exceeded();
-    let rescored = Rescored {
-        run: args.run.display().to_string(),
-        units: counts.units,
-        reused: counts.reused,
-        scored: counts.scored,
-        not_kept: counts.waiting,
-        left: counts.left,
-        failed: counts.failed,
-        tables: tables(&results, None)?,
+    let tables = tables(&results, None)?;
+    let value = || {
+        json!({
+            "run": args.run.display().to_string(),
+            "units": counts.units,
+            "reused": counts.reused,
+            "scored": counts.scored,
+            "not_kept": counts.waiting,
+            "left": counts.left,
+            "failed": counts.failed,
+        })
     };
-    output::print(&rescored, args.json)?;
+    output::print(args.json, value, || tables)?;
     if !results.missing.is_empty() {
         output::remark(format!(
             "warning: {} of the run have no result yet",

@@ -1,25 +1,21 @@
 //! `speed`: times of inference and rendering, or the total compute of runs.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
+use serde_json::json;
 use sharp::render::Backend;
 use sharp_metrics::{Selection, Weights};
 
 use super::outcome::UsageError;
-use super::output::{Terminal, Written};
+use super::output::Terminal;
 use super::{Outcome, output};
-use crate::config::PairConfig;
-use crate::config::{RenderingConfig, rendering};
-use crate::evaluate::speed::{Speed, SpeedOptions};
+use crate::config::{PairConfig, RenderingConfig, rendering};
+use crate::evaluate::speed::SpeedOptions;
 use crate::evaluate::{Request, prepare};
 use crate::io::machine::cpu_and_threads;
 use crate::methods::{self, MethodSpec};
-use crate::pairs::DatasetConfig;
-use crate::pairs::OpenDataset;
-use crate::pairs::clap_dataset;
+use crate::pairs::{DatasetConfig, OpenDataset, clap_dataset};
 use crate::report::speed::{Measured, SpeedReport, compute::compute};
 use crate::report::tables::grid::TextGrid;
 use crate::scoring::Scoring;
@@ -95,50 +91,24 @@ pub(super) fn execute(args: &SpeedArgs) -> anyhow::Result<Outcome> {
     };
     let written = report.write(&args.out)?;
     let speeds = report.measured.as_ref().map(|measured| &measured.speeds);
-    let shown = ShownSpeed {
-        machine: cpu_and_threads(),
-        measured: speeds,
-        compute: report.compute.as_ref().map(GridTexts::new),
-        written: Written::new(&written),
-        text: report.text(),
-    };
-    output::print(&shown, args.json)?;
-    let failed = speeds.is_some_and(|s| s.iter().any(|speed| !speed.failures.is_empty()));
-    Ok(Outcome::of_problems(failed))
-}
-
-#[derive(Serialize)]
-struct ShownSpeed<'a> {
-    machine: Option<String>,
-    measured: Option<&'a Vec<Speed>>,
-    compute: Option<GridTexts<'a>>,
-    #[serde(flatten)]
-    written: Written,
-    #[serde(skip)]
-    text: String,
-}
-
-impl Display for ShownSpeed<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "{}\n{}", self.text.trim_end(), self.written)
-    }
-}
-
-#[derive(Serialize)]
-struct GridTexts<'a> {
-    heads: &'a [String],
-    rows: Vec<Vec<&'a str>>,
-}
-
-impl<'a> GridTexts<'a> {
-    fn new(grid: &'a TextGrid) -> Self {
+    let grid = |grid: &TextGrid| {
         let rows = grid.rows.iter();
         let rows = rows.map(|row| row.iter().map(|cell| cell.text.as_str()).collect());
-        Self {
-            heads: &grid.heads,
-            rows: rows.collect(),
-        }
-    }
+        json!({"heads": grid.heads, "rows": rows.collect::<Vec<Vec<_>>>()})
+    };
+    let value = || {
+        json!({
+            "machine": cpu_and_threads(),
+            "measured": speeds,
+            "compute": report.compute.as_ref().map(grid),
+            "files": output::names(&written),
+        })
+    };
+    output::print(args.json, value, || {
+        format!("{}\n{}", report.text().trim_end(), output::wrote(&written))
+    })?;
+    let failed = speeds.is_some_and(|s| s.iter().any(|speed| !speed.failures.is_empty()));
+    Ok(Outcome::of_problems(failed))
 }
 
 fn measure(args: &SpeedArgs) -> anyhow::Result<Measured> {

@@ -42,8 +42,20 @@ pub(super) struct StatusArgs {
 pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
     if let Some(count) = args.unfinished_shards {
         let shards = unfinished_shards(&args.run, count as usize, args.retry_failed)?;
-        let max_index = args.max_index.map(|max| max as usize);
-        output::print(&Unfinished { shards, max_index }, args.json)?;
+        output::print(
+            args.json,
+            || &shards,
+            || match args.max_index {
+                // A line for each array of a scheduler.
+                Some(max) => {
+                    let arrays = arrays(&shards, max as usize).into_iter();
+                    let lines =
+                        arrays.map(|(offset, indices)| format!("{offset} {}\n", ranges(&indices)));
+                    lines.collect()
+                }
+                None => ranges(&shards),
+            },
+        )?;
         return Ok(Outcome::Done);
     }
     let progress = RunProgress::read(&args.run)?;
@@ -51,7 +63,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
         progress: &progress,
         secs_left: progress.secs_left(),
     };
-    output::print(&shown, args.json)?;
+    output::print(args.json, || &shown, || shown.to_string())?;
     if progress.damaged > 0 {
         output::remark(format!(
             "warning: {}; such units count as missing, and the next run computes them again",
@@ -63,25 +75,6 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
         (0, _) => Outcome::RecordedFailures,
         _ => Outcome::Resumable,
     })
-}
-
-/// Unfinished shards; as text, one line for each array of a scheduler.
-#[derive(Serialize)]
-#[serde(transparent)]
-struct Unfinished {
-    shards: Vec<usize>,
-    #[serde(skip)]
-    max_index: Option<usize>,
-}
-
-impl Display for Unfinished {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let Some(max) = self.max_index else {
-            return f.write_str(&ranges(&self.shards));
-        };
-        let mut arrays = arrays(&self.shards, max).into_iter();
-        arrays.try_for_each(|(offset, indices)| writeln!(f, "{offset} {}", ranges(&indices)))
-    }
 }
 
 #[derive(Serialize)]

@@ -1,16 +1,13 @@
 //! `sweep RUN…`: scores against camera motion.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 use sharp_datasets::error::nearest_of;
 use sharp_metrics::MetricKey;
 
 use super::outcome::UsageError;
-use super::output::Written;
 use super::report::{ShownRuns, warn_damaged};
 use super::{Outcome, output};
 use crate::evaluate::Results;
@@ -131,17 +128,22 @@ pub(super) fn sweep(
     check_methods(style, &results)?;
     let sweep = Sweep::of(&results, spec)?;
     let files = files::write(&sweep, out, stem, style)?;
-    let crossings = sweep.crossings.iter();
-    let shown = ShownSweep {
-        out: out.display().to_string(),
-        written: Written::new(&files.written),
-        removed: output::names(&files.removed),
-        crossings: crossings
-            .map(|crossing| ShownCrossing::new(&sweep, crossing))
-            .collect(),
+    let removed = output::names(&files.removed);
+    let value = || {
+        let crossings = sweep.crossings.iter();
+        json!({
+            "out": out.display().to_string(),
+            "files": output::names(&files.written),
+            "removed": removed,
+            "crossings": crossings.map(|found| crossing(&sweep, found)).collect::<Vec<_>>(),
+        })
     };
-    output::print(&shown, as_json)?;
-    for file in &shown.removed {
+    output::print(as_json, value, || {
+        let crossings = sweep.crossings.iter();
+        let sentences = crossings.map(|found| table::sentence(&sweep, found) + "\n");
+        sentences.collect::<String>() + &output::wrote(&files.written)
+    })?;
+    for file in &removed {
         output::remark(format!(
             "note: {file} was left by an earlier sweep and has been removed"
         ));
@@ -174,53 +176,17 @@ pub(super) fn sweep(
     ))
 }
 
-#[derive(Serialize)]
-struct ShownSweep {
-    out: String,
-    #[serde(flatten)]
-    written: Written,
-    removed: Vec<String>,
-    crossings: Vec<ShownCrossing>,
-}
-
-impl Display for ShownSweep {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        for crossing in &self.crossings {
-            writeln!(f, "{}", crossing.sentence)?;
-        }
-        self.written.fmt(f)
-    }
-}
-
-#[derive(Serialize)]
-struct ShownCrossing {
-    dataset: String,
-    method: String,
-    split: String,
-    metric: String,
-    rule: String,
-    x: Value,
-    ci_low: Option<Value>,
-    ci_high: Option<Value>,
-    clusters: usize,
-    #[serde(skip)]
-    sentence: String,
-}
-
-impl ShownCrossing {
-    fn new(sweep: &Sweep, crossing: &FoundCrossing) -> Self {
-        let interval = crossing.found.interval;
-        Self {
-            dataset: crossing.dataset.clone(),
-            method: crossing.method.clone(),
-            split: crossing.split.clone(),
-            metric: sweep.metrics[crossing.metric].key.to_string(),
-            rule: table::rule(sweep, crossing),
-            x: json_number(crossing.found.x),
-            ci_low: interval.map(|(low, _)| json_number(low)),
-            ci_high: interval.map(|(_, high)| json_number(high)),
-            clusters: crossing.found.clusters,
-            sentence: table::sentence(sweep, crossing),
-        }
-    }
+fn crossing(sweep: &Sweep, crossing: &FoundCrossing) -> Value {
+    let interval = crossing.found.interval;
+    json!({
+        "dataset": crossing.dataset,
+        "method": crossing.method,
+        "split": crossing.split,
+        "metric": sweep.metrics[crossing.metric].key.to_string(),
+        "rule": table::rule(sweep, crossing),
+        "x": json_number(crossing.found.x),
+        "ci_low": interval.map(|(low, _)| json_number(low)),
+        "ci_high": interval.map(|(_, high)| json_number(high)),
+        "clusters": crossing.found.clusters,
+    })
 }

@@ -2,18 +2,15 @@
 
 use sharp_datasets::error::nearest_of;
 use std::collections::BTreeSet;
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
+use serde_json::{Value, json};
 use sharp_metrics::{Backbone, MetricKey, Selection, Weights};
 
 use super::outcome::UsageError;
-use super::output::Written;
 use super::{Outcome, output};
 use crate::io::checkpoint::find_checkpoint;
-use crate::report::paper::grid::Number;
 use crate::report::paper::published::MadeBy;
 use crate::report::paper::{
     Beside, OwnRow, PublishedTable, RowError, TABLES, numbers, paper_table, published, write_table,
@@ -130,46 +127,21 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
         Some(out) => write_table(paper, &table, out)?,
         None => Vec::new(),
     };
-    let checks = table.checklist.iter();
-    let shown = ShownTable {
-        table: paper.name,
-        label: paper.label,
-        cells: numbers(paper, &table),
-        checklist: checks
-            .map(|c| ShownCheck {
-                met: c.is_met,
-                text: &c.text,
-            })
-            .collect(),
-        written: Written::new(&written),
-        text: table.text(),
+    let value = || {
+        let checks = table.checklist.iter();
+        let checks = checks.map(|check| json!({"met": check.is_met, "text": check.text}));
+        json!({
+            "table": paper.name,
+            "label": paper.label,
+            "cells": numbers(paper, &table),
+            "checklist": checks.collect::<Vec<_>>(),
+            "files": output::names(&written),
+        })
     };
-    output::print(&shown, args.json)?;
+    output::print(args.json, value, || {
+        format!("{}\n{}", table.text().trim_end(), output::wrote(&written))
+    })?;
     Ok(outcome)
-}
-
-#[derive(Serialize)]
-struct ShownTable<'a> {
-    table: &'a str,
-    label: &'a str,
-    cells: Vec<Number<'a>>,
-    checklist: Vec<ShownCheck<'a>>,
-    #[serde(flatten)]
-    written: Written,
-    #[serde(skip)]
-    text: String,
-}
-
-#[derive(Serialize)]
-struct ShownCheck<'a> {
-    met: bool,
-    text: &'a str,
-}
-
-impl Display for ShownTable<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "{}\n{}", self.text.trim_end(), self.written)
-    }
 }
 
 /// The command that produces a table's rows, and its requirements.
@@ -214,58 +186,15 @@ fn at_hand(table: &PublishedTable) -> String {
     }
 }
 
-fn list(json: bool) -> anyhow::Result<Outcome> {
-    let tables = TABLES.iter().map(|table| {
-        let (made_by, needs) = made_by(table);
-        let datasets = table.datasets.iter().copied();
-        ListedTable {
-            name: table.name,
-            label: table.label,
-            title: table.title,
-            datasets: datasets.filter(|name| !name.is_empty()).collect(),
-            metrics: &table.metrics,
-            published_rows: table.rows.iter().map(|(label, _)| *label).collect(),
-            made_by,
-            needs,
-            at_hand: at_hand(table),
-            numbers: table
-                .rows
-                .iter()
-                .flat_map(|(_, cells)| cells)
-                .flatten()
-                .count(),
-        }
-    });
-    output::print(&TableList(tables.collect()), json)?;
-    Ok(Outcome::Done)
-}
-
-#[derive(Serialize)]
-struct ListedTable {
-    name: &'static str,
-    label: &'static str,
-    title: &'static str,
-    datasets: Vec<&'static str>,
-    metrics: &'static [&'static str],
-    published_rows: Vec<&'static str>,
-    made_by: &'static str,
-    needs: &'static str,
-    at_hand: String,
-    /// How many numbers are published.
-    #[serde(skip)]
-    numbers: usize,
-}
-
-#[derive(Serialize)]
-struct TableList(Vec<ListedTable>);
-
-impl Display for TableList {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let rows = self.0.iter().map(|table| {
-            let words = [table.name, table.title, table.made_by, table.needs];
+fn list(as_json: bool) -> anyhow::Result<Outcome> {
+    output::print(as_json, list_json, || {
+        let rows = TABLES.iter().map(|table| {
+            let (made_by, needs) = made_by(table);
+            let numbers = table.rows.iter().flat_map(|(_, cells)| cells).flatten();
+            let words = [table.name, table.title, made_by, needs];
             let mut row: Vec<GridCell> = words.into_iter().map(GridCell::words).collect();
-            row.insert(2, GridCell::count(table.numbers));
-            row.push(GridCell::words(table.at_hand.as_str()));
+            row.insert(2, GridCell::count(numbers.count()));
+            row.push(GridCell::words(at_hand(table)));
             row
         });
         let heads = [
@@ -277,7 +206,27 @@ impl Display for TableList {
             "available",
         ];
         let title = "Tables of the SHARP paper, with all of their numbers";
-        let grid = TextGrid::new(title, &heads, rows);
-        f.write_str(grid.text().trim_end())
-    }
+        TextGrid::new(title, &heads, rows).text()
+    })?;
+    Ok(Outcome::Done)
+}
+
+fn list_json() -> Value {
+    let tables = TABLES.iter().map(|table| {
+        let (made_by, needs) = made_by(table);
+        let datasets = table.datasets.iter().filter(|name| !name.is_empty());
+        let rows = table.rows.iter().map(|(label, _)| *label);
+        json!({
+            "name": table.name,
+            "label": table.label,
+            "title": table.title,
+            "datasets": datasets.collect::<Vec<_>>(),
+            "metrics": table.metrics,
+            "published_rows": rows.collect::<Vec<_>>(),
+            "made_by": made_by,
+            "needs": needs,
+            "at_hand": at_hand(table),
+        })
+    });
+    tables.collect()
 }

@@ -1,13 +1,10 @@
 //! `train`: trains a network from scratch, or resumes a training run.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use serde::Serialize;
-use serde_json::{Map, Value};
-use sharp_train::position::Position;
+use serde_json::{Map, json};
 use sharp_train::trainer::Ended;
 
 use super::outcome::UsageError;
@@ -106,69 +103,42 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
         validated,
         page,
     } = train(request, &terminal)?;
-    let measured = validated.iter();
-    let measured = measured.map(|(name, value)| (name.clone(), json_number(*value)));
-    let state = TrainingSummary {
-        complete: ended == Ended::Complete,
-        stage: position.stage.number(),
-        step: position.step,
-        parameters: all,
-        learning,
-        perceptual_network,
-        weights_sha256: weights.as_deref().map(file_sha256).transpose()?,
-        weights: weights.map(|path| path.display().to_string()),
-        validation: measured.collect(),
-        page: page.display().to_string(),
-        validated,
-        position,
+    let weights_sha256 = weights.as_deref().map(file_sha256).transpose()?;
+    let weights = weights.map(|path| path.display().to_string());
+    let value = || {
+        let measured = validated.iter();
+        let measured = measured.map(|(name, value)| (name.clone(), json_number(*value)));
+        json!({
+            "complete": ended == Ended::Complete,
+            "stage": position.stage.number(),
+            "step": position.step,
+            "parameters": all,
+            "learning": learning,
+            "perceptual_network": perceptual_network,
+            "weights": weights,
+            "weights_sha256": weights_sha256,
+            "validation": measured.collect::<Map<_, _>>(),
+            "page": page.display().to_string(),
+        })
     };
-    output::print(&state, args.json)?;
+    output::print(args.json, value, || {
+        let validated = validated.iter();
+        let mut text: String = validated
+            .map(|(name, value)| format!("{name}  {value:.4}\n"))
+            .collect();
+        text += &match &weights {
+            Some(path) => format!("weights {path}\n"),
+            None => format!("stopped after {position}; the same command resumes it\n"),
+        };
+        let parameters = counted(all, "parameter");
+        text += &format!("network {parameters}, of which {learning} trained\n");
+        if let Some(network) = &perceptual_network {
+            text += &format!("perceptual loss on {network}\n");
+        }
+        text + &format!("page    {}", page.display())
+    })?;
     Ok(match ended {
         Ended::Complete => Outcome::Done,
         Ended::Stopped(_) => Outcome::Resumable,
     })
-}
-
-#[derive(Serialize)]
-struct TrainingSummary {
-    complete: bool,
-    stage: u64,
-    step: u64,
-    parameters: usize,
-    learning: usize,
-    perceptual_network: Option<&'static str>,
-    weights: Option<String>,
-    weights_sha256: Option<String>,
-    validation: Map<String, Value>,
-    page: String,
-    #[serde(skip)]
-    validated: Vec<(String, f64)>,
-    #[serde(skip)]
-    position: Position,
-}
-
-impl Display for TrainingSummary {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        for (name, value) in &self.validated {
-            writeln!(f, "{name}  {value:.4}")?;
-        }
-        match &self.weights {
-            Some(path) => writeln!(f, "weights {path}")?,
-            None => writeln!(
-                f,
-                "stopped after {}; the same command resumes it",
-                self.position
-            )?,
-        }
-        let parameters = counted(self.parameters, "parameter");
-        writeln!(
-            f,
-            "network {parameters}, of which {} trained",
-            self.learning
-        )?;
-        if let Some(network) = &self.perceptual_network {
-            writeln!(f, "perceptual loss on {network}")?;
-        }
-        write!(f, "page    {}", self.page)
-    }
 }

@@ -4,179 +4,125 @@ use glam::{DMat2, DVec2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How a stored picture was probably altered.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum PictureChange {
-    /// The photograph itself was stored.
-    Photograph,
-    /// It resembles neither its photograph nor the source's, and no other change explains that.
-    Unlike,
-    Linear,
-    EncodedTwice,
-    HalfContrast,
-    DarkHalfCutOff,
-    LimitedRange,
-    Negative,
-    /// Red and blue are swapped.
-    Bgr,
-    Grb,
-    Rbg,
-    Gbr,
-    Brg,
-    Mirrored,
-    UpsideDown,
-    Turned180,
-    Turned90,
-    Turned270,
-    Transposed,
-    /// Luma and chroma are stored as red, green and blue.
-    Luma,
-    /// Hue, saturation and value are stored as red, green and blue.
-    Hsv,
-    /// CIE L*a*b* is stored as red, green and blue.
-    Lab,
-    /// Values are normalised by ImageNet's mean and standard deviation.
-    Normalised,
-    /// Values are normalised by ImageNet's or CLIP's mean and standard deviation, then stretched to 0..255 by one range
-    /// for all channels.
-    NormalisedAndStretched,
-    /// Levels beyond 0..255 wrapped around.
-    Wrapped,
-    /// Values of 0..1 are stored as whole levels.
-    Unscaled,
-    /// Bars of one colour at two opposite sides.
-    Bars,
-    /// One colour from some row down.
-    Unfinished,
-    /// Every second row differs from its neighbours.
-    Interlaced,
-    /// A white border on all sides.
-    Framed,
-    /// A strip of white or black rows at the top or the bottom, as [top, bottom] thickness in thousandths of the
-    /// height; one of the two is 0.
-    Strip([i16; 2]),
-    /// Several pictures side by side or one above the other.
-    Panels,
-    /// The content was padded: it appears reduced along one axis about the middle, or along both with its upper left corner in
-    /// place.
-    Padded,
-    /// The content was cropped and stretched to the target's size: it appears enlarged along one axis.
-    Cropped,
-    /// The darkest and brightest levels became 0 and 255. The value is the gain in contrast, in percent.
-    Stretched(i16),
-    /// Three equal channels, although the photograph is coloured.
-    Grey,
-    /// Two equal channels, although these channels of the photograph differ.
-    EqualChannels,
-    /// Neighbouring pixels are uncorrelated.
-    Noise,
-    /// Blocks of equal pixels.
-    Blocks,
+/// Defines an enum of findings, each with the words that state it in a sentence.
+macro_rules! worded {
+    ($(#[$about:meta])* pub enum $name:ident {
+        $($(#[$doc:meta])* $finding:ident $(($measured:ty))? = $text:literal,)+
+    }) => {
+        $(#[$about])*
+        pub enum $name {
+            $($(#[$doc])* $finding $(($measured))?,)+
+        }
+
+        impl $name {
+            /// Completes the sentence "its pictures" or "pictures show".
+            pub fn text(self) -> &'static str {
+                match self {
+                    $(Self::$finding { .. } => $text,)+
+                }
+            }
+        }
+    };
+}
+
+worded! {
+    /// How a stored picture was probably altered.
+    #[derive(
+        Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+    )]
+    #[serde(rename_all = "kebab-case")]
+    pub enum PictureChange {
+        /// The photograph itself was stored.
+        Photograph = "are the photographs themselves",
+        /// It resembles neither its photograph nor the source's, and no other change explains that.
+        Unlike = "have little in common with the photographs",
+        Linear = "contain linear light but were read as sRGB (exr=linear reads such EXR files)",
+        EncodedTwice = "are sRGB-encoded twice (exr=srgb reads EXR files that hold sRGB values)",
+        HalfContrast = "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1",
+        DarkHalfCutOff =
+            "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1",
+        LimitedRange =
+            "have the limited range of video, 16 to 235, but were read as 0 to 255; store them with the full range",
+        Negative = "are negatives",
+        /// Red and blue are swapped.
+        Bgr = "have red and blue swapped",
+        Grb = "have red and green swapped",
+        Rbg = "have green and blue swapped",
+        Gbr = "contain green, blue and red but were read as red, green and blue",
+        Brg = "contain blue, red and green but were read as red, green and blue",
+        Mirrored = "are mirrored left to right",
+        UpsideDown = "are mirrored top to bottom",
+        Turned180 = "are turned by 180°",
+        Turned90 = "are turned by 90°",
+        Turned270 = "are turned by 270°",
+        Transposed = "have rows and columns swapped",
+        /// Luma and chroma are stored as red, green and blue.
+        Luma = "contain Y, Cb and Cr but were read as red, green and blue",
+        /// Hue, saturation and value are stored as red, green and blue.
+        Hsv = "contain hue, saturation and value but were read as red, green and blue",
+        /// CIE L*a*b* is stored as red, green and blue.
+        Lab = "contain L*a*b* but were read as red, green and blue",
+        /// Values are normalised by ImageNet's mean and standard deviation.
+        Normalised =
+            "are normalised by ImageNet's or CLIP's mean and standard deviation; undo this before storing them",
+        /// Values are normalised by ImageNet's or CLIP's mean and standard deviation, then stretched to 0..255 by one range
+        /// for all channels.
+        NormalisedAndStretched =
+            "were normalised by ImageNet's or CLIP's mean and standard deviation of each channel and then stretched \
+             to 0..255; undo the normalisation before storing them",
+        /// Levels beyond 0..255 wrapped around.
+        Wrapped =
+            "have very bright levels stored as very dark ones or the reverse, because levels beyond 0 and 255 \
+             wrapped around; limit them to 0..255 before converting to 8 bit",
+        /// Values of 0..1 are stored as whole levels.
+        Unscaled = "have no level above 1, because values from 0 to 1 were not multiplied by 255",
+        /// Bars of one colour at two opposite sides.
+        Bars = "have bars of one colour at two opposite sides, probably padding; remove it before storing them",
+        /// One colour from some row down.
+        Unfinished = "have one colour from some row down to the last, as if they were unfinished",
+        /// Every second row differs from its neighbours.
+        Interlaced = "have every second row from another picture, as if two pictures were interlaced",
+        /// A white border on all sides.
+        Framed = "have a white border on all sides, like figures with axes or margins; store only the picture",
+        /// A strip of white or black rows at the top or the bottom, as [top, bottom] thickness in thousandths of the
+        /// height; one of the two is 0.
+        Strip([i16; 2]) =
+            "have a strip of one colour along one side, of the same thickness in all pictures, probably a caption or \
+             padding; store only the picture",
+        /// Several pictures side by side or one above the other.
+        Panels =
+            "are several pictures side by side or one above the other, squeezed into one; store only the prediction",
+        /// The content was padded: it appears reduced along one axis about the middle, or along both with its upper left corner in
+        /// place.
+        Padded = "were resized with padding around them; remove it before resizing, or store the pictures without it",
+        /// The content was cropped and stretched to the target's size: it appears enlarged along one axis.
+        Cropped =
+            "are crops stretched to the target's size; store them unstretched and set crop=center:1:1 (or their own \
+             aspect)",
+        /// The darkest and brightest levels became 0 and 255. The value is the gain in contrast, in percent.
+        Stretched(i16) =
+            "had their levels stretched one by one, so that the darkest is 0 and the brightest 255 (`normalize=True` \
+             of torchvision's save_image, for example); store the values as predicted",
+        /// Three equal channels, although the photograph is coloured.
+        Grey =
+            "have three equal channels, although the photographs have colours; if the method predicts colours, store \
+             them",
+        /// Two equal channels, although these channels of the photograph differ.
+        EqualChannels =
+            "have two equal channels, although those of the photographs differ; perhaps one was stored in place of \
+             another",
+        /// Neighbouring pixels are uncorrelated.
+        Noise =
+            "are noise, with uncorrelated neighbouring pixels (perhaps latents, unfinished sampling or bytes read as \
+             another type)",
+        /// Blocks of equal pixels.
+        Blocks =
+            "consist of blocks of equal pixels, as if small pictures had been enlarged by repeating pixels; store \
+             them at the size at which they were predicted, and see resize=",
+    }
 }
 
 impl PictureChange {
-    /// Completes the sentence "its pictures".
-    pub fn text(self) -> &'static str {
-        match self {
-            Self::Photograph => "are the photographs themselves",
-            Self::Unlike => "have little in common with the photographs",
-            Self::Linear => {
-                "contain linear light but were read as sRGB (exr=linear reads such EXR files)"
-            }
-            Self::EncodedTwice => {
-                "are sRGB-encoded twice (exr=srgb reads EXR files that hold sRGB values)"
-            }
-            Self::HalfContrast => {
-                "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1"
-            }
-            Self::DarkHalfCutOff => {
-                "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1"
-            }
-            Self::LimitedRange => {
-                "have the limited range of video, 16 to 235, but were read as 0 to 255; store them with the full range"
-            }
-            Self::Negative => "are negatives",
-            Self::Bgr => "have red and blue swapped",
-            Self::Grb => "have red and green swapped",
-            Self::Rbg => "have green and blue swapped",
-            Self::Gbr => "contain green, blue and red but were read as red, green and blue",
-            Self::Brg => "contain blue, red and green but were read as red, green and blue",
-            Self::Mirrored => "are mirrored left to right",
-            Self::UpsideDown => "are mirrored top to bottom",
-            Self::Turned180 => "are turned by 180°",
-            Self::Turned90 => "are turned by 90°",
-            Self::Turned270 => "are turned by 270°",
-            Self::Transposed => "have rows and columns swapped",
-            Self::Luma => "contain Y, Cb and Cr but were read as red, green and blue",
-            Self::Hsv => "contain hue, saturation and value but were read as red, green and blue",
-            Self::Lab => "contain L*a*b* but were read as red, green and blue",
-            Self::Normalised => {
-                "are normalised by ImageNet's or CLIP's mean and standard deviation; undo this before storing them"
-            }
-            Self::NormalisedAndStretched => {
-                "were normalised by ImageNet's or CLIP's mean and standard deviation of each channel and then stretched \
-                 to 0..255; undo the normalisation before storing them"
-            }
-            Self::Wrapped => {
-                "have very bright levels stored as very dark ones or the reverse, because levels beyond 0 and 255 wrapped \
-                 around; limit them to 0..255 before converting to 8 bit"
-            }
-            Self::Unscaled => {
-                "have no level above 1, because values from 0 to 1 were not multiplied by 255"
-            }
-            Self::Bars => {
-                "have bars of one colour at two opposite sides, probably padding; remove it before storing them"
-            }
-            Self::Unfinished => {
-                "have one colour from some row down to the last, as if they were unfinished"
-            }
-            Self::Interlaced => {
-                "have every second row from another picture, as if two pictures were interlaced"
-            }
-            Self::Framed => {
-                "have a white border on all sides, like figures with axes or margins; store only the picture"
-            }
-            Self::Strip(_) => {
-                "have a strip of one colour along one side, of the same thickness in all pictures, probably a \
-                 caption or padding; store only the picture"
-            }
-            Self::Panels => {
-                "are several pictures side by side or one above the other, squeezed into one; store only the \
-                 prediction"
-            }
-            Self::Padded => {
-                "were resized with padding around them; remove it before resizing, or store the pictures without it"
-            }
-            Self::Cropped => {
-                "are crops stretched to the target's size; store them unstretched and set crop=center:1:1 (or their \
-                 own aspect)"
-            }
-            Self::Stretched(_) => {
-                "had their levels stretched one by one, so that the darkest is 0 and the brightest 255 \
-                 (`normalize=True` of torchvision's save_image, for example); store the values as predicted"
-            }
-            Self::Grey => {
-                "have three equal channels, although the photographs have colours; if the method predicts colours, \
-                 store them"
-            }
-            Self::EqualChannels => {
-                "have two equal channels, although those of the photographs differ; perhaps one was stored in \
-                 place of another"
-            }
-            Self::Blocks => {
-                "consist of blocks of equal pixels, as if small pictures had been enlarged by repeating pixels; store \
-                 them at the size at which they were predicted, and see resize="
-            }
-            Self::Noise => {
-                "are noise, with uncorrelated neighbouring pixels (perhaps latents, unfinished sampling or bytes \
-                 read as another type)"
-            }
-        }
-    }
-
     /// Whether the change leaves traces that neither good nor poor predictions show.
     pub fn is_visible(self) -> bool {
         matches!(
@@ -218,35 +164,23 @@ impl PictureChange {
     }
 }
 
-/// The target that a stored picture shows best.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum ShownTarget {
-    Own,
-    /// The target of the previous pair.
-    Previous,
-    /// The target of the next pair.
-    Next,
-    Other,
-    /// No target: the source's photograph.
-    Source,
-    /// No target: the source's view, but not a copy of its photograph.
-    SourceView,
-}
-
-impl ShownTarget {
-    /// Completes the sentence "pictures show".
-    pub fn text(self) -> &'static str {
-        match self {
-            Self::Own => "their own target",
-            Self::Previous => "the target of the pair before theirs",
-            Self::Next => "the target of the pair after theirs",
-            Self::Other => "the target of another pair",
-            Self::Source => "the source's photograph",
-            Self::SourceView => "the source's view",
-        }
+worded! {
+    /// The target that a stored picture shows best.
+    #[derive(
+        Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+    )]
+    #[serde(rename_all = "kebab-case")]
+    pub enum ShownTarget {
+        Own = "their own target",
+        /// The target of the previous pair.
+        Previous = "the target of the pair before theirs",
+        /// The target of the next pair.
+        Next = "the target of the pair after theirs",
+        Other = "the target of another pair",
+        /// No target: the source's photograph.
+        Source = "the source's photograph",
+        /// No target: the source's view, but not a copy of its photograph.
+        SourceView = "the source's view",
     }
 }
 

@@ -17,9 +17,8 @@ use super::unit::Slot;
 use crate::io::hash::StableHasher;
 use crate::io::text::visible_line;
 use crate::methods::{MethodIdentity, MethodSpec, Privilege};
-use crate::pairs::DatasetConfig;
 use crate::pairs::dataset::DatasetReading;
-use crate::pairs::{OpenDataset, PairProvenance};
+use crate::pairs::{DatasetConfig, OpenDataset, PairProvenance};
 use crate::rendering::{RenderSettings, SharedRenderer};
 use crate::scoring::{Scoring, ScoringRules};
 

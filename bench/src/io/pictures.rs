@@ -10,9 +10,8 @@ use sharp::image_file::{
     self, AlphaRule, ExrTransfer, ImageFileError, OrientationRule, PictureRules,
 };
 use sharp_checkpoint::{Checkpoint, CheckpointError};
-use sharp_datasets::DatasetError;
-use sharp_datasets::files;
 use sharp_datasets::format::{npy, picture};
+use sharp_datasets::{DatasetError, files};
 use sharp_metrics::{Picture, PictureError};
 
 use crate::io::rendering_files::TRANSFER;

@@ -19,9 +19,8 @@ use crate::config::rendering::Quantise;
 use crate::config::{ConfigError, PairConfig, RunConfig};
 use crate::evaluate::Aggregation;
 use crate::evaluate::manifest::ProtocolRecord;
-use crate::pairs::DatasetConfig;
-use crate::pairs::PairOptions;
 use crate::pairs::frame::Frame;
+use crate::pairs::{DatasetConfig, PairOptions};
 use crate::scoring::ScoringRules;
 use crate::scoring::rules::{Border, PairMask};
 

@@ -12,10 +12,9 @@ use super::board::{Board, PairBoard};
 use super::choice::{badness, choose};
 use super::column::Column;
 use super::error::MissingPicture;
-use super::error_map;
 use super::options::{Layout, PictureBudget, ReportOptions};
 use super::pictures::{ReportPictures, Thumbnail};
-use super::view_maps;
+use super::{error_map, view_maps};
 
 /// Maximum number of pairs in a single-file page: half have the worst scores, the others are spread evenly.
 pub(super) const PAIRS_IN_FILE: usize = 24;

@@ -18,15 +18,14 @@ use crate::evaluate::record::Record;
 
 use super::board::{Board, PairBoard, ReportDataset};
 use super::column::Column;
-use super::error_map;
 use super::facts::FactGroup;
 use super::gallery::{self, Gallery, PictureKind};
 use super::options::{Layout, ReportOptions};
-use super::page_data;
 use super::pictures::ReportPictures;
 use super::tables::Table;
 use super::tables::build::REPORTED;
 use super::write::withheld;
+use super::{error_map, page_data};
 use sharp_plots::Figure;
 use sharp_plots::ink::{GRID, INK, MUTED, PAPER};
 use sharp_plots::palette::style;

@@ -10,9 +10,8 @@ use crate::pairs::valid_depth::median_of;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
 use crate::report::statistics::{CellStatistics, Uncertainty, of_metric};
-use sharp_plots::PlotError;
+use sharp_plots::{Figure, PlotError};
 
-use sharp_plots::Figure;
 use sharp_plots::axis::PlotAxis;
 use sharp_plots::bins::{Binning, Cuts, bins};
 use sharp_plots::canvas::{Anchor, Lettering, Surface};

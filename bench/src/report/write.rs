@@ -21,13 +21,11 @@ use super::facts::facts;
 use super::figures::qualitative;
 use super::gallery::{Gallery, THUMBNAILS};
 use super::html::Page;
-use super::markdown;
 use super::options::{Layout, ReportOptions};
-use super::paper;
 use super::pictures::ReportPictures;
-use super::plots;
 use super::statistics::Uncertainty;
 use super::tables::{Table, build, remarks};
+use super::{markdown, paper, plots};
 use sharp_plots::Figure;
 
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -9,7 +9,6 @@ mod photographs;
 
 use std::path::PathBuf;
 
-use crate::DatasetEntry;
 use crate::colmap::PointTracks;
 use crate::depth::ViewDepth;
 use crate::files::{self, Root};
@@ -22,7 +21,7 @@ use crate::scan_depth::{ScanCache, ScanFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id, no_pose};
 use crate::setting::{Setting, choice, proxy};
 use crate::spec::PaperOverlap;
-use crate::{DatasetError, DatasetSpec, Scene};
+use crate::{DatasetEntry, DatasetError, DatasetSpec, Scene};
 use photographs::DslrPhotographs;
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {

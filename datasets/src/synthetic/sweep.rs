@@ -7,9 +7,8 @@ use glam::{DMat3, DVec3};
 use sharp::camera::RigidTransform;
 
 use super::arithmetic::unit_circle;
-use super::classic;
 use super::world::World;
-use super::{SyntheticScene, view_of};
+use super::{SyntheticScene, classic, view_of};
 use crate::{DatasetError, DatasetSpec, Pairing, Scene};
 
 /// Offset of an occlusion sweep's target camera to the right of the source, in metres.

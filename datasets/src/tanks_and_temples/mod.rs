@@ -16,7 +16,6 @@ mod photographs;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use crate::DatasetEntry;
 use crate::camera_size::CAMERA_SIZE;
 use crate::depth::ViewDepth;
 use crate::files::{self, Root};
@@ -27,7 +26,7 @@ use crate::scan_depth::{ScanCache, ScanFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::setting::{Setting, choice};
 use crate::spec::PaperOverlap;
-use crate::{DatasetError, DatasetSpec, Scene};
+use crate::{DatasetEntry, DatasetError, DatasetSpec, Scene};
 use cameras::SceneCameras;
 use photographs::ScenePhotographs;
 

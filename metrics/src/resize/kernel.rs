@@ -2,8 +2,7 @@
 
 use image::{ImageBuffer, Rgb};
 
-use super::Size;
-use super::{area, pillow, torch};
+use super::{Size, area, pillow, torch};
 use crate::picture::{Picture, PictureError};
 
 /// A resizing function of a library.

@@ -4,9 +4,8 @@ use std::borrow::Cow;
 
 use image::{Rgb, RgbImage};
 
-use super::Size;
 use super::kernel::buffer;
-use super::pillow;
+use super::{Size, pillow};
 use crate::picture::Picture;
 
 /// The side to which `dists[resize256]` reduces.

@@ -2,12 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use super::compressed;
 use super::marks::{FileMarks, Generator, other_form};
 use super::reading::{Harmonics, Marks, StoredColors, StoredForm, StoredOpacity, StoredScales};
 use super::suspicions::{Suspicion, suspicions};
 use super::table::{Body, Element, Header, Scalar, TableError};
-use super::{ColorSpace, GaussianScene, PlyReason, VERTEX};
+use super::{ColorSpace, GaussianScene, PlyReason, VERTEX, compressed};
 use crate::camera::Intrinsics;
 use crate::gaussians::Gaussians;
 

@@ -1,12 +1,11 @@
 //! Plots each metric against the shift. For comparison, a line marks the score of the mean image.
 
 use crate::report::column::Column;
-use sharp_plots::Figure;
-use sharp_plots::PlotError;
 use sharp_plots::axis::PlotAxis;
 use sharp_plots::canvas::{Point, Surface};
 use sharp_plots::palette::{Marker, Style, stroke, style};
 use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure as draw, point};
+use sharp_plots::{Figure, PlotError};
 
 use sharp_plots::scale::finite_range;
 

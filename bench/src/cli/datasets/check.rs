@@ -1,8 +1,6 @@
 //! `datasets check`: checks datasets for broken files and contradictions.
 
-use std::fmt::{self, Display, Formatter};
-
-use serde::Serialize;
+use serde_json::json;
 use sharp_datasets::check::consistency::{Consistency, Fit};
 use sharp_datasets::check::{DatasetReport, SceneReport, check};
 
@@ -15,7 +13,7 @@ use crate::pairs::DatasetConfig;
 pub(super) fn execute(
     datasets: &[DatasetConfig],
     views: usize,
-    json: bool,
+    as_json: bool,
 ) -> anyhow::Result<Outcome> {
     anyhow::ensure!(views > 0, "--views 0: must be at least 1");
     let mut reports = Vec::with_capacity(datasets.len());
@@ -28,49 +26,32 @@ pub(super) fn execute(
         terminal.end();
     }
     let problems: usize = reports.iter().map(|report| report.problems).sum();
-    let datasets = reports;
-    output::print(&Checked { datasets, problems }, json)?;
+    let value = || json!({"datasets": reports, "problems": problems});
+    output::print(as_json, value, || reports.iter().map(report_text).collect())?;
     Ok(Outcome::of_problems(problems > 0))
 }
 
-#[derive(Serialize)]
-struct Checked {
-    datasets: Vec<DatasetReport>,
-    problems: usize,
-}
-
-impl Display for Checked {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        self.datasets
-            .iter()
-            .try_for_each(|report| write_report(f, report))
-    }
-}
-
-fn write_report(f: &mut Formatter<'_>, report: &DatasetReport) -> fmt::Result {
-    writeln!(f, "{}", report.dataset)?;
+fn report_text(report: &DatasetReport) -> String {
+    let mut text = format!("{}\n", report.dataset);
     for reading in &report.readings {
         let standing = match (reading.proxy, reading.open) {
             (true, _) => " (proxy: differs from the paper)",
             (false, true) => " (open in the paper)",
             (false, false) => "",
         };
-        writeln!(f, "  reading {}={}{standing}", reading.key, reading.value)?;
+        text += &format!("  reading {}={}{standing}\n", reading.key, reading.value);
     }
-    for scene in &report.scenes {
-        write_scene(f, scene)?;
-    }
+    text.extend(report.scenes.iter().map(scene_text));
     for problem in &report.unreadable {
-        writeln!(f, "  BROKEN {problem}")?;
+        text += &format!("  BROKEN {problem}\n");
     }
     for ruled_out in &report.ruled_out {
-        writeln!(f, "  note {ruled_out}")?;
+        text += &format!("  note {ruled_out}\n");
     }
     let in_scenes: usize = report.scenes.iter().map(|s| s.problems.len()).sum();
     let views: usize = report.scenes.iter().map(|scene| scene.views).sum();
-    writeln!(
-        f,
-        "{}, {}; {} unreadable; problems: {}",
+    text + &format!(
+        "{}, {}; {} unreadable; problems: {}\n",
         counted(report.scenes.len(), "scene"),
         counted(views, "view"),
         counted(report.problems - in_scenes, "scene"),
@@ -102,7 +83,7 @@ fn poses(found: &Consistency) -> String {
     text
 }
 
-fn write_scene(f: &mut Formatter<'_>, scene: &SceneReport) -> fmt::Result {
+fn scene_text(scene: &SceneReport) -> String {
     let sizes = match scene.sizes.as_slice() {
         sizes @ ([] | [_] | [_, _] | [_, _, _]) => sizes.join(", "),
         [first, .., last] => format!("{} sizes from {first} to {last}", scene.sizes.len()),
@@ -116,20 +97,16 @@ fn write_scene(f: &mut Formatter<'_>, scene: &SceneReport) -> fmt::Result {
         ),
         None => format!("no depth in {} decoded views", scene.decoded),
     };
-    writeln!(
-        f,
-        "  {}: {}, {sizes}; {depth}",
-        scene.id,
-        counted(scene.views, "view")
-    )?;
+    let views = counted(scene.views, "view");
+    let mut text = format!("  {}: {views}, {sizes}; {depth}\n", scene.id);
     if let Some(found) = &scene.consistency {
-        writeln!(f, "    poses: {}", poses(found))?;
+        text += &format!("    poses: {}\n", poses(found));
     }
     for note in &scene.notes {
-        writeln!(f, "    note {note}")?;
+        text += &format!("    note {note}\n");
     }
     for problem in &scene.problems {
-        writeln!(f, "    BROKEN {problem}")?;
+        text += &format!("    BROKEN {problem}\n");
     }
-    Ok(())
+    text
 }

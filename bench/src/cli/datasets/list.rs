@@ -1,8 +1,5 @@
 //! `datasets list`: describes the known datasets.
 
-use std::fmt::{self, Display, Formatter};
-
-use serde::Serialize;
 use sharp_datasets::DatasetEntry;
 use sharp_datasets::registry::ENTRIES;
 use sharp_datasets::setting::{PICTURES, Setting};
@@ -11,62 +8,50 @@ use crate::cli::{Outcome, output};
 use crate::pairs::frame::Frame;
 
 pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
-    output::print(&Formats(&ENTRIES), json)?;
+    output::print(json, || ENTRIES, text)?;
     Ok(Outcome::Done)
 }
 
-#[derive(Serialize)]
-struct Formats(&'static [&'static DatasetEntry]);
-
-impl Display for Formats {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        for entry in self.0 {
-            write_entry(f, entry)?;
-            entry
-                .settings
-                .iter()
-                .try_for_each(|setting| write_setting(f, setting))?;
-            writeln!(f)?;
-        }
-        writeln!(f, "settings of every format with picture files")?;
-        PICTURES
-            .iter()
-            .try_for_each(|setting| write_setting(f, setting))?;
-        writeln!(
-            f,
-            "every format also accepts frame=RULE, which resizes the dataset's views ({}), and pairs.KEY=VALUE, \
-             a pair option for this dataset only",
-            Frame::forms()
-        )?;
-        f.write_str(
-            "open: a value that the paper does not state; proxy: a value known to differ from the paper; reports mark both",
-        )
+fn text() -> String {
+    let mut text = String::new();
+    for entry in ENTRIES {
+        text += &entry_text(entry);
+        text.extend(entry.settings.iter().map(setting_text));
+        text += "\n";
     }
+    text += "settings of every format with picture files\n";
+    text.extend(PICTURES.iter().map(setting_text));
+    text += &format!(
+        "every format also accepts frame=RULE, which resizes the dataset's views ({}), and pairs.KEY=VALUE, \
+         a pair option for this dataset only\n",
+        Frame::forms()
+    );
+    text + "open: a value that the paper does not state; proxy: a value known to differ from the paper; reports mark both"
 }
 
-fn write_setting(f: &mut Formatter<'_>, setting: &Setting) -> fmt::Result {
-    writeln!(
-        f,
-        "  setting   {}={} by default: {}",
-        setting.key, setting.default, setting.meaning
-    )?;
+fn setting_text(setting: &Setting) -> String {
+    let Setting { key, default, .. } = setting;
+    let mut text = format!(
+        "  setting   {key}={default} by default: {}\n",
+        setting.meaning
+    );
     for choice in setting.choices {
         let standing = match (choice.proxy, setting.open) {
             (true, _) => " (proxy)",
             (false, true) => " (open)",
             (false, false) => "",
         };
-        writeln!(
-            f,
-            "              {}={}{standing}  {}",
-            setting.key, choice.value, choice.meaning
-        )?;
+        let value = choice.value;
+        text += &format!(
+            "              {key}={value}{standing}  {}\n",
+            choice.meaning
+        );
     }
-    Ok(())
+    text
 }
 
-fn write_entry(f: &mut Formatter<'_>, entry: &DatasetEntry) -> fmt::Result {
-    writeln!(f, "{}  {}", entry.format, entry.title)?;
+fn entry_text(entry: &DatasetEntry) -> String {
+    let mut all = format!("{}  {}\n", entry.format, entry.title);
     for (what, text) in [
         ("page", entry.page),
         ("terms", entry.terms),
@@ -77,8 +62,8 @@ fn write_entry(f: &mut Formatter<'_>, entry: &DatasetEntry) -> fmt::Result {
         ("unclear", entry.caveat),
     ] {
         if !text.is_empty() {
-            writeln!(f, "  {what:<9} {text}")?;
+            all += &format!("  {what:<9} {text}\n");
         }
     }
-    Ok(())
+    all
 }

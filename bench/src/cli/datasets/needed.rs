@@ -5,6 +5,7 @@ use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use serde_json::json;
 use sharp_datasets::registry::ENTRIES;
 use sharp_datasets::required_files::{FileRole, RequiredFile};
 use sharp_datasets::{DatasetEntry, DatasetSpec, Pairing, Scene, View};
@@ -34,23 +35,10 @@ struct Listed {
     present: Option<bool>,
 }
 
-#[derive(Serialize)]
-struct NeededFiles<'a> {
-    sha256: &'a str,
-    datasets: Vec<Needed>,
-    missing: usize,
-}
-
-impl Display for NeededFiles<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        self.datasets.iter().try_for_each(|needed| needed.fmt(f))
-    }
-}
-
 pub(super) fn execute(
     list: &Path,
     datasets: &[DatasetConfig],
-    json: bool,
+    as_json: bool,
 ) -> anyhow::Result<Outcome> {
     let list = PairList::read(list)?;
     let mut specs: BTreeMap<&str, &DatasetSpec> = datasets
@@ -70,12 +58,10 @@ pub(super) fn execute(
         .map(|name| needed(&list, name, specs.remove(name)))
         .collect();
     let missing: usize = found.iter().filter_map(|needed| needed.missing).sum();
-    let files = NeededFiles {
-        sha256: &list.sha256,
-        datasets: found,
-        missing,
-    };
-    output::print(&files, json)?;
+    let value = || json!({"sha256": list.sha256, "datasets": found, "missing": missing});
+    output::print(as_json, value, || {
+        found.iter().map(ToString::to_string).collect()
+    })?;
     Ok(Outcome::of_problems(missing > 0))
 }
 

@@ -1,8 +1,6 @@
 //! Explains metric keys, without pictures.
 
-use std::fmt::{self, Display, Formatter};
-
-use serde::Serialize;
+use serde_json::json;
 use sharp_metrics::weights::Published;
 use sharp_metrics::{MetricInfo, Scorer};
 
@@ -12,44 +10,38 @@ use crate::report::metrics_text::MethodsText;
 
 /// Prints each key's convention, and the public code that computes the same value.
 pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
-    output::print(&Conventions(scorer.info()), json)?;
+    output::print(json, || scorer.info(), || conventions(&scorer.info()))?;
     Ok(Outcome::Done)
 }
 
-#[derive(Serialize)]
-struct Conventions(Vec<MetricInfo>);
-
-impl Display for Conventions {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        for info in &self.0 {
-            let direction = Column::from(info).direction_words();
-            let MetricInfo { key, alias, .. } = info;
-            writeln!(f, "{key}  (--metrics {alias}; {direction})")?;
-            writeln!(f, "    {}", info.convention)?;
-            writeln!(
-                f,
-                "    Input range {}; resizing: {}; {}.",
-                info.input_range, info.resize, info.precision
-            )?;
-            if let (Some(own), Some(backbone)) = (&info.own_weights, &info.backbone) {
-                let network = match &backbone.features_sha256 {
-                    None => format!(
-                        "{} of torchvision, missing",
-                        Published::of(backbone.name).file
-                    ),
-                    Some(_) if backbone.is_unpublished() => format!("{backbone}, unpublished"),
-                    Some(_) => format!("{backbone}, torchvision's"),
-                };
-                writeln!(
-                    f,
-                    "    Weights: {network}; {} of {}, built in (sha256 {}).",
-                    own.file, own.package, own.sha256
-                )?;
-            }
-            writeln!(f)?;
+fn conventions(all: &[MetricInfo]) -> String {
+    let mut text = String::new();
+    for info in all {
+        let direction = Column::from(info).direction_words();
+        let MetricInfo { key, alias, .. } = info;
+        text += &format!("{key}  (--metrics {alias}; {direction})\n");
+        text += &format!("    {}\n", info.convention);
+        text += &format!(
+            "    Input range {}; resizing: {}; {}.\n",
+            info.input_range, info.resize, info.precision
+        );
+        if let (Some(own), Some(backbone)) = (&info.own_weights, &info.backbone) {
+            let network = match &backbone.features_sha256 {
+                None => format!(
+                    "{} of torchvision, missing",
+                    Published::of(backbone.name).file
+                ),
+                Some(_) if backbone.is_unpublished() => format!("{backbone}, unpublished"),
+                Some(_) => format!("{backbone}, torchvision's"),
+            };
+            text += &format!(
+                "    Weights: {network}; {} of {}, built in (sha256 {}).\n",
+                own.file, own.package, own.sha256
+            );
         }
-        Ok(())
+        text += "\n";
     }
+    text
 }
 
 /// Prints a paragraph for a paper.
@@ -60,25 +52,17 @@ pub(in crate::cli) fn methods_text(text: &MethodsText, json: bool) -> anyhow::Re
              with `sharp-bench weights fetch {backbone}` or `--weights {backbone}=FILE`"
         ));
     }
-    let paragraph = Paragraph {
-        latex: &text.latex,
-        bibtex: &text.bibtex,
-    };
-    output::print(&paragraph, json)?;
+    let MethodsText { latex, bibtex, .. } = text;
+    output::print(
+        json,
+        || json!({"latex": latex, "bibtex": bibtex}),
+        || {
+            // As comments, so that all of it can be pasted into a document.
+            let lines = bibtex
+                .lines()
+                .map(|line| format!("% {line}").trim_end().to_owned() + "\n");
+            format!("{latex}\n\n{}", lines.collect::<String>())
+        },
+    )?;
     Ok(Outcome::Done)
-}
-
-#[derive(Serialize)]
-struct Paragraph<'a> {
-    latex: &'a str,
-    bibtex: &'a str,
-}
-
-impl Display for Paragraph<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}\n", self.latex)?;
-        // As comments, so that all of it can be pasted into a document.
-        let mut lines = self.bibtex.lines();
-        lines.try_for_each(|line| writeln!(f, "{}", format!("% {line}").trim_end()))
-    }
 }

@@ -182,7 +182,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         resize: args.resize_prediction,
         warnings,
     };
-    output::print(&results, args.json)?;
+    output::print(args.json, || results.json(), || results.to_string())?;
     if let Some(path) = &args.csv {
         write_atomic(path, &results.csv())?;
     }

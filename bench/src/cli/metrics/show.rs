@@ -2,7 +2,6 @@
 
 use std::fmt::{self, Display, Formatter};
 
-use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 use sharp_metrics::{
     Family, MetricInfo, MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_names,
@@ -12,8 +11,7 @@ use super::find::Sought;
 use super::scored::Scored;
 use crate::evaluate::results::number;
 use crate::io::counts::counted;
-use crate::io::fingerprints;
-use crate::io::fingerprints::DECODERS;
+use crate::io::fingerprints::{self, DECODERS};
 use crate::io::text::{csv_bytes, csv_cell};
 use crate::pictures::keyed_scores::{csv_cells, json_number, json_scores};
 use crate::pictures::other_forms::OtherForm;
@@ -50,7 +48,7 @@ impl ScoredPairs<'_> {
     }
 
     /// The JSON output, a stable interface for scripts: keys may be added but are never removed.
-    fn json(&self) -> Value {
+    pub(super) fn json(&self) -> Value {
         let infinite = self.keys().filter_map(|(at, key)| {
             let scores = self.scored.iter().map(|pair| &pair.scores[at].1);
             let count = scores
@@ -280,12 +278,6 @@ impl ScoredPairs<'_> {
             row
         });
         csv_bytes(header, rows)
-    }
-}
-
-impl Serialize for ScoredPairs<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        self.json().serialize(serializer)
     }
 }
 

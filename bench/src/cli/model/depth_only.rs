@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
-use serde::Serialize;
+use serde_json::{Value, json};
 use sharp::image_file::focal::FocalSource;
 use sharp::model::depth_pro::DepthPro;
 use sharp::model::preprocess::Photo;
@@ -14,15 +14,6 @@ use super::args::focal_text;
 use super::predict::{DepthForm, PredictArgs, for_each, named_after};
 use crate::cli::{Outcome, output};
 use crate::io::rendering_files::{write_exr_channels, write_millimetres_png};
-
-#[derive(Debug, Serialize)]
-struct WrittenDepth {
-    image: String,
-    depth: String,
-    focal_px: f64,
-    is_focal_estimated: bool,
-    seconds: f64,
-}
 
 pub(super) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     let of_file = match args.out.extension().and_then(OsStr::to_str) {
@@ -71,7 +62,7 @@ fn predict_one(
     image: &Path,
     out: &Path,
     form: DepthForm,
-) -> anyhow::Result<WrittenDepth> {
+) -> anyhow::Result<Value> {
     let started = Instant::now();
     let photo = args.photo.load_unless_estimated(image, is_estimated)?;
     let is_focal_estimated = is_estimated(&photo);
@@ -102,11 +93,11 @@ fn predict_one(
             photo.height
         ))?;
     }
-    Ok(WrittenDepth {
-        image: image.display().to_string(),
-        depth: out.display().to_string(),
-        focal_px: f64::from(predicted.focal_px),
-        is_focal_estimated,
-        seconds,
-    })
+    Ok(json!({
+        "image": image.display().to_string(),
+        "depth": out.display().to_string(),
+        "focal_px": f64::from(predicted.focal_px),
+        "is_focal_estimated": is_focal_estimated,
+        "seconds": seconds,
+    }))
 }

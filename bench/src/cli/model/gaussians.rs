@@ -1,10 +1,10 @@
 //! `gaussians info` and `gaussians convert`.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
+use serde_json::{Value, json};
 use sharp::gaussian_files::{LARGEST_SPZ_SCALE, MarkedRule, load, to_spz_bytes, turn};
 use sharp::gaussians::Gaussians;
 use sharp::ply::{
@@ -201,45 +201,11 @@ impl Distribution {
     }
 }
 
-#[derive(Debug, Serialize)]
-struct Info {
-    gaussians: usize,
-    /// Number of Gaussians per layer; `None` unless there are two equal layers, one after the
-    /// other, as SHARP writes them.
-    per_layer: Option<usize>,
-    not_finite: usize,
-    /// Number of Gaussians with a zero quaternion.
-    zero_quaternions: usize,
-    below_visibility: usize,
-    /// Encoding of the colours; `None` if the file does not state it.
-    color_space: Option<String>,
-    /// Degree of the colours' spherical harmonics.
-    color_degree: usize,
-    is_view_dependent: bool,
-    /// The program that wrote the file, if marks or columns reveal it.
-    generator: Option<&'static str>,
-    /// Marks of the rendering rule that the file was made for.
-    marks: Vec<&'static str>,
-    image_size: Option<[u32; 2]>,
-    focal_px: Option<[f64; 2]>,
-    opacity: Option<Distribution>,
-    scale: Option<Distribution>,
-    x: Option<Distribution>,
-    y: Option<Distribution>,
-    depth: Option<Distribution>,
-    /// Share of Gaussians behind the camera, 0..1. A large share indicates that the axes or the
-    /// space differ.
-    behind: f64,
-    /// Evidence that the file is not in camera space with OpenCV axes and metres.
-    implausible: Vec<String>,
-    /// Evidence that the file's numbers are encoded differently.
-    doubts: Vec<String>,
-}
-
 /// Plausible median depths of photographs, in metres.
 const PLAUSIBLE_DEPTH: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
-fn describe(scene: &GaussianScene) -> Info {
+/// The JSON and the text that describe a scene.
+fn describe(scene: &GaussianScene) -> (Value, String) {
     let Gaussians {
         means,
         quaternions,
@@ -249,9 +215,13 @@ fn describe(scene: &GaussianScene) -> Info {
     } = &scene.gaussians;
     let n = scene.gaussians.len();
     let along = |axis: usize| Distribution::of(means.iter().map(|m| m[axis]));
-    let depth = along(2);
+    let (x, y, depth) = (along(0), along(1), along(2));
+    let opacity = Distribution::of(opacities.iter().copied());
+    let scale = Distribution::of(scales.iter().flatten().copied());
+    // A large share indicates that the axes or the space differ.
     let behind = means.iter().filter(|m| m[2] <= 0.0).count() as f64 / n.max(1) as f64;
     let median = depth.as_ref().map(|depth| depth.quantiles[3]);
+    // Evidence that the file is not in camera space with OpenCV axes and metres.
     let mut implausible = Vec::new();
     let visible = (0..n).filter(|&k| {
         let rotation = scene.gaussians.quaternions[k];
@@ -271,29 +241,95 @@ fn describe(scene: &GaussianScene) -> Info {
             "a median depth of {median} is implausible for a photograph in metres"
         ));
     }
-    Info {
-        gaussians: n,
-        per_layer: (scene.version.is_some() && n > 0 && n.is_multiple_of(2)).then_some(n / 2),
-        not_finite: (0..n).filter(|&k| !scene.gaussians.is_finite(k)).count(),
-        zero_quaternions: quaternions.iter().filter(|q| **q == [0.0; 4]).count(),
-        below_visibility: opacities.iter().filter(|&&o| o < 1.0 / 255.0).count(),
-        color_space: scene.color_space.map(|space| space.to_string()),
-        // 3 ((d + 1)² − 1) coefficients in addition to the constant one.
-        color_degree: (scene.color_coefficients / 3 + 1).isqrt() - 1,
-        is_view_dependent: scene.is_view_dependent,
-        generator: scene.marks.generator.map(generator_name),
-        marks: marks_in_words(&scene.marks),
-        image_size: scene.intrinsics.map(|k| [k.width, k.height]),
-        focal_px: scene.intrinsics.map(|k| [k.fx, k.fy]),
-        opacity: Distribution::of(opacities.iter().copied()),
-        scale: Distribution::of(scales.iter().flatten().copied()),
-        x: along(0),
-        y: along(1),
-        depth,
-        behind,
-        implausible,
-        doubts: scene.doubts.iter().map(|d| d.text.clone()).collect(),
+    // SHARP writes two equal layers, one after the other.
+    let has_layers = scene.version.is_some() && n > 0 && n.is_multiple_of(2);
+    let per_layer = has_layers.then_some(n / 2);
+    let not_finite = (0..n).filter(|&k| !scene.gaussians.is_finite(k)).count();
+    let zero_quaternions = quaternions.iter().filter(|q| **q == [0.0; 4]).count();
+    let below_visibility = opacities.iter().filter(|&&o| o < 1.0 / 255.0).count();
+    let color_space = scene.color_space.map(|space| space.to_string());
+    // 3 ((d + 1)² − 1) coefficients in addition to the constant one.
+    let color_degree = (scene.color_coefficients / 3 + 1).isqrt() - 1;
+    let generator = scene.marks.generator.map(generator_name);
+    let marks = marks_in_words(&scene.marks);
+    let doubts: Vec<&str> = scene.doubts.iter().map(|d| d.text.as_str()).collect();
+
+    let mut text = format!("Gaussians        {n}\n");
+    if let Some(n) = per_layer {
+        text += &format!("per layer        {n} (two layers)\n");
     }
+    text += &format!("not finite       {not_finite} (the renderer drops them)\n");
+    text += &format!("quaternion zero  {zero_quaternions} (dropped too)\n");
+    text += &format!("opacity < 1/255  {below_visibility} (never visible)\n");
+    let space = color_space.as_deref();
+    let view = match scene.is_view_dependent {
+        true => "depend on the view",
+        false => "equal from all sides",
+    };
+    text += &format!(
+        "colours          {}, degree {color_degree}, {view}\n",
+        space.unwrap_or("linear or srgb (not stated in the file)")
+    );
+    if let Some(generator) = generator {
+        text += &format!("written by       {generator}\n");
+    }
+    if !marks.is_empty() {
+        text += &format!("made to be drawn {}\n", marks.join(", "));
+    }
+    if let Some(k) = &scene.intrinsics {
+        text += &format!(
+            "photograph       {}x{}, focal length {:.2} {:.2} px\n",
+            k.width, k.height, k.fx, k.fy
+        );
+    }
+    text += "                 least      10 %      25 %      50 %      75 %      90 %      most\n";
+    for (name, distribution) in [
+        ("opacity", &opacity),
+        ("scale (m)", &scale),
+        ("x (m)", &x),
+        ("y (m)", &y),
+        ("depth (m)", &depth),
+    ] {
+        if let Some(Distribution {
+            quantiles,
+            histogram,
+        }) = distribution
+        {
+            let numbers: String = quantiles.iter().map(|q| format!("{q:>10.4}")).collect();
+            text += &format!("{name:<12}{numbers}\n{:<12}  {}\n", "", bars(histogram));
+        }
+    }
+    let verdict = match implausible.is_empty() {
+        true => "plausible as the camera's space, OpenCV axes, metres".to_owned(),
+        false => implausible.join("; "),
+    };
+    text += &format!("space        {verdict}\n");
+    for doubt in &doubts {
+        text += &format!("reading      {doubt}\n");
+    }
+    let value = json!({
+        "gaussians": n,
+        "per_layer": per_layer,
+        "not_finite": not_finite,
+        "zero_quaternions": zero_quaternions,
+        "below_visibility": below_visibility,
+        "color_space": color_space,
+        "color_degree": color_degree,
+        "is_view_dependent": scene.is_view_dependent,
+        "generator": generator,
+        "marks": marks,
+        "image_size": scene.intrinsics.map(|k| [k.width, k.height]),
+        "focal_px": scene.intrinsics.map(|k| [k.fx, k.fy]),
+        "opacity": opacity,
+        "scale": scale,
+        "x": x,
+        "y": y,
+        "depth": depth,
+        "behind": behind,
+        "implausible": implausible,
+        "doubts": doubts,
+    });
+    (value, text)
 }
 
 fn generator_name(generator: Generator) -> &'static str {
@@ -325,7 +361,7 @@ fn marks_in_words(marks: &FileMarks) -> Vec<&'static str> {
     said.map(|(_, words)| words).collect()
 }
 
-fn info(ply: &Path, given: &ReadingArgs, json: bool) -> anyhow::Result<Outcome> {
+fn info(ply: &Path, given: &ReadingArgs, as_json: bool) -> anyhow::Result<Outcome> {
     // The blending space does not affect the output; choose one that accepts every file.
     let reading = StoredForm {
         blending: ColorSpace::Srgb,
@@ -335,85 +371,9 @@ fn info(ply: &Path, given: &ReadingArgs, json: bool) -> anyhow::Result<Outcome> 
     if given.axes.is_some() {
         turn(&mut scene.gaussians, &mut scene.doubts, given.axes).map_err(anyhow::Error::msg)?;
     }
-    output::print(&describe(&scene), json)?;
+    let (value, text) = describe(&scene);
+    output::print(as_json, || value, || text)?;
     Ok(Outcome::Done)
-}
-
-impl Display for Info {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        writeln!(f, "Gaussians        {}", self.gaussians)?;
-        if let Some(n) = self.per_layer {
-            writeln!(f, "per layer        {n} (two layers)")?;
-        }
-        writeln!(
-            f,
-            "not finite       {} (the renderer drops them)",
-            self.not_finite
-        )?;
-        writeln!(
-            f,
-            "quaternion zero  {} (dropped too)",
-            self.zero_quaternions
-        )?;
-        writeln!(
-            f,
-            "opacity < 1/255  {} (never visible)",
-            self.below_visibility
-        )?;
-        let space = self.color_space.as_deref();
-        let view = match self.is_view_dependent {
-            true => "depend on the view",
-            false => "equal from all sides",
-        };
-        writeln!(
-            f,
-            "colours          {}, degree {}, {view}",
-            space.unwrap_or("linear or srgb (not stated in the file)"),
-            self.color_degree
-        )?;
-        if let Some(generator) = self.generator {
-            writeln!(f, "written by       {generator}")?;
-        }
-        if !self.marks.is_empty() {
-            writeln!(f, "made to be drawn {}", self.marks.join(", "))?;
-        }
-        if let (Some([w, h]), Some([fx, fy])) = (self.image_size, self.focal_px) {
-            writeln!(
-                f,
-                "photograph       {w}x{h}, focal length {fx:.2} {fy:.2} px"
-            )?;
-        }
-        writeln!(
-            f,
-            "                 least      10 %      25 %      50 %      75 %      90 %      most",
-        )?;
-        for (name, distribution) in [
-            ("opacity", &self.opacity),
-            ("scale (m)", &self.scale),
-            ("x (m)", &self.x),
-            ("y (m)", &self.y),
-            ("depth (m)", &self.depth),
-        ] {
-            if let Some(Distribution {
-                quantiles,
-                histogram,
-            }) = distribution
-            {
-                let numbers: String = quantiles.iter().map(|q| format!("{q:>10.4}")).collect();
-                writeln!(f, "{name:<12}{numbers}")?;
-                writeln!(f, "{:<12}  {}", "", bars(histogram))?;
-            }
-        }
-        let verdict = match self.implausible.is_empty() {
-            true => "plausible as the camera's space, OpenCV axes, metres".to_owned(),
-            false => self.implausible.join("; "),
-        };
-        writeln!(f, "space        {verdict}")?;
-        for doubt in &self.doubts {
-            writeln!(f, "reading      {doubt}")?;
-        }
-        Ok(())
-    }
 }
 
 fn bars(histogram: &[usize; 10]) -> String {

@@ -7,7 +7,7 @@ use anyhow::bail;
 use clap::Args;
 use glam::DAffine3;
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::json;
 use sharp::camera::Intrinsics;
 use sharp::gaussian_files::turn;
 use sharp::gaussians::Gaussians;
@@ -205,7 +205,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         counts: [file.gaussians.len(), reference.len()],
     };
     let tolerance = args.tolerance.unwrap_or(0.5);
-    output::print(&found, args.json)?;
+    output::print(args.json, || &found, || found.to_string())?;
     let settings = found.settings();
     let PortComparison {
         extra,
@@ -249,58 +249,6 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-#[derive(Serialize)]
-struct ComparedStages<'a> {
-    stages: Vec<ComparedStage<'a>>,
-    first_divergence: Option<&'a str>,
-    #[serde(skip)]
-    tolerance: f64,
-}
-
-#[derive(Serialize)]
-struct ComparedStage<'a> {
-    stage: &'a str,
-    rel_error: Value,
-    values: usize,
-    #[serde(skip)]
-    found: &'a StageComparison,
-}
-
-impl<'a> ComparedStage<'a> {
-    fn new(found: &'a StageComparison) -> Self {
-        Self {
-            stage: &found.stage,
-            rel_error: json_number(found.rel_error),
-            values: found.values,
-            found,
-        }
-    }
-}
-
-impl Display for ComparedStages<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        for ComparedStage {
-            stage,
-            values,
-            found,
-            ..
-        } in &self.stages
-        {
-            let mark = match found.rel_error <= self.tolerance {
-                true => ' ',
-                false => '!',
-            };
-            let note = found.note.as_deref().unwrap_or_default();
-            writeln!(
-                f,
-                "{mark} {stage:<36} {:>10.2e}  {values:>9} values {note}",
-                found.rel_error
-            )?;
-        }
-        Ok(())
-    }
-}
-
 fn of_stages(args: &ParityArgs, golden: &Path, image: &Path) -> anyhow::Result<Outcome> {
     let tolerance = args.tolerance.unwrap_or(1e-4);
     let recording = Recording::open(golden)?;
@@ -318,13 +266,31 @@ fn of_stages(args: &ParityArgs, golden: &Path, image: &Path) -> anyhow::Result<O
         prefix,
     )?;
     let first = comparison.first_divergence(tolerance);
-    let stages = comparison.stages.iter();
-    let compared = ComparedStages {
-        stages: stages.map(ComparedStage::new).collect(),
-        first_divergence: first.map(|stage| stage.stage.as_str()),
-        tolerance,
+    let value = || {
+        let stages = comparison.stages.iter().map(|found| {
+            let error = json_number(found.rel_error);
+            json!({"stage": found.stage, "rel_error": error, "values": found.values})
+        });
+        let first = first.map(|stage| stage.stage.as_str());
+        json!({"stages": stages.collect::<Vec<_>>(), "first_divergence": first})
     };
-    output::print(&compared, args.json)?;
+    output::print(args.json, value, || {
+        let lines = comparison.stages.iter().map(|found| {
+            let StageComparison {
+                stage,
+                rel_error,
+                values,
+                ..
+            } = found;
+            let mark = match *rel_error <= tolerance {
+                true => ' ',
+                false => '!',
+            };
+            let note = found.note.as_deref().unwrap_or_default();
+            format!("{mark} {stage:<36} {rel_error:>10.2e}  {values:>9} values {note}\n")
+        });
+        lines.collect()
+    })?;
     if let Some(stage) = first {
         let note = stage.note.as_ref();
         bail!(

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, ensure};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde::Serialize;
+use serde_json::{Value, json};
 use sharp::model::preprocess::Photo;
 use sharp::model::{NetworkOutput, Predictor, StageProgress};
 use sharp::ply::{GaussianScene, PlyForm, to_bytes};
@@ -110,11 +110,11 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
 
 /// Runs `predict` for each photograph and its output, and prints the results if JSON is wanted. `were_what` is the
 /// subject of the error if all of several photographs fail.
-pub(super) fn for_each<R: Serialize>(
+pub(super) fn for_each(
     args: &PredictArgs,
     outputs: &[PathBuf],
     were_what: &str,
-    predict: impl Fn(&Path, &Path) -> anyhow::Result<R>,
+    predict: impl Fn(&Path, &Path) -> anyhow::Result<Value>,
 ) -> anyhow::Result<Outcome> {
     let mut results = Vec::new();
     let mut failed = 0;
@@ -167,30 +167,12 @@ pub(super) fn named_after(
     Ok(outputs)
 }
 
-#[derive(Debug, Serialize)]
-struct Predicted {
-    image: String,
-    ply: String,
-    depth: Vec<String>,
-    gaussians: usize,
-    focal_px: f64,
-    seconds: f64,
-    stages: Vec<StageTime>,
-    peak_memory_bytes: Option<u64>,
-}
-
-#[derive(Debug, Serialize)]
-struct StageTime {
-    stage: &'static str,
-    seconds: f64,
-}
-
 fn predict_one(
     args: &PredictArgs,
     predictor: &Predictor,
     image: &Path,
     ply: &Path,
-) -> anyhow::Result<Predicted> {
+) -> anyhow::Result<Value> {
     let started = Instant::now();
     let photo = args.photo.load(image)?;
     let mut parts = StageTimes::new();
@@ -224,16 +206,18 @@ fn predict_one(
             ))
         ))?;
     }
-    Ok(Predicted {
-        image: image.display().to_string(),
-        ply: ply.display().to_string(),
-        depth: output::names(&depth),
-        gaussians: count,
-        focal_px: photo.focal_px,
-        seconds,
-        stages: parts.stages,
-        peak_memory_bytes: peak_bytes(),
-    })
+    let stages = parts.stages.iter();
+    let stages = stages.map(|(stage, seconds)| json!({"stage": stage, "seconds": seconds}));
+    Ok(json!({
+        "image": image.display().to_string(),
+        "ply": ply.display().to_string(),
+        "depth": output::names(&depth),
+        "gaussians": count,
+        "focal_px": photo.focal_px,
+        "seconds": seconds,
+        "stages": stages.collect::<Vec<_>>(),
+        "peak_memory_bytes": peak_bytes(),
+    }))
 }
 
 /// Runs the network under a progress bar, or with a line per part if standard error is not a terminal.
@@ -263,7 +247,8 @@ fn forward(
 /// Times of the network's parts.
 struct StageTimes {
     last_milestone: Instant,
-    stages: Vec<StageTime>,
+    /// Each part with its seconds.
+    stages: Vec<(&'static str, f64)>,
     /// Whether to print a line after each part, because there is no progress bar.
     as_lines: bool,
 }
@@ -283,20 +268,17 @@ impl StageTimes {
         let passed = now.duration_since(self.last_milestone).as_secs_f64();
         self.last_milestone = now;
         match self.stages.last_mut() {
-            Some(last) if last.stage == part => last.seconds += passed,
+            Some((last, seconds)) if *last == part => *seconds += passed,
             _ => {
                 self.finish();
-                self.stages.push(StageTime {
-                    stage: part,
-                    seconds: passed,
-                });
+                self.stages.push((part, passed));
             }
         }
     }
 
     /// Prints the time of the last part.
     fn finish(&self) {
-        if let (Some(StageTime { stage, seconds }), true) = (self.stages.last(), self.as_lines) {
+        if let (Some((stage, seconds)), true) = (self.stages.last(), self.as_lines) {
             output::remark(format!("  {stage:<18} {seconds:>8.2} s"));
         }
     }

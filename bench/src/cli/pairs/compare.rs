@@ -1,10 +1,11 @@
 //! `pairs diff` and `pairs verify`: compares a list with another list, or with local files.
 
-use std::fmt::{self, Display, Formatter};
+use std::fmt::Display;
 use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
+use serde_json::{Value, json};
 use sharp_datasets::Scene;
 
 use super::super::data_args::DatasetArgs;
@@ -37,82 +38,69 @@ pub(super) fn diff(args: &DiffArgs) -> anyhow::Result<Outcome> {
     let (first, second) = (PairList::read(&args.first)?, PairList::read(&args.second)?);
     let diff = first.diff(&second);
     let compared = ComparedLists {
-        first: ComparedList::new(&first),
-        second: ComparedList::new(&second),
+        first: about(&first),
+        second: about(&second),
         same: diff.is_empty(),
         diff: &diff,
     };
-    output::print(&compared, args.json)?;
+    output::print(
+        args.json,
+        || &compared,
+        || difference([&first, &second], &diff),
+    )?;
     Ok(Outcome::of_problems(!diff.is_empty()))
 }
 
 #[derive(Serialize)]
 struct ComparedLists<'a> {
-    first: ComparedList<'a>,
-    second: ComparedList<'a>,
+    first: Value,
+    second: Value,
     same: bool,
     #[serde(flatten)]
     diff: &'a ListDiff,
 }
 
-#[derive(Serialize)]
-struct ComparedList<'a> {
-    file: String,
-    sha256: &'a str,
-    pairs: usize,
-    selected: usize,
+fn about(list: &PairList) -> Value {
+    json!({
+        "file": list.path.display().to_string(),
+        "sha256": list.sha256,
+        "pairs": list.pairs.len(),
+        "selected": list.pairs.iter().filter(|pair| pair.selected).count(),
+    })
 }
 
-impl<'a> ComparedList<'a> {
-    fn new(list: &'a PairList) -> Self {
-        Self {
-            file: list.path.display().to_string(),
-            sha256: &list.sha256,
-            pairs: list.pairs.len(),
-            selected: list.pairs.iter().filter(|pair| pair.selected).count(),
-        }
-    }
+fn difference(lists: [&PairList; 2], diff: &ListDiff) -> String {
+    let [a, b] = lists.map(|list| list.path.display());
+    let shown = |value: &str| if value.is_empty() { "(none)" } else { value }.to_owned();
+    let changed = some("different", &diff.changed, |pair| {
+        let changes: Vec<String> = pair
+            .columns
+            .iter()
+            .map(|(column, [a, b])| format!("{column} {} -> {}", shown(a), shown(b)))
+            .collect();
+        format!("{}: {}", pair.pair_id, changes.join(", "))
+    });
+    let in_all = format!(
+        "{} equal, {} different, {} only in {a}, {} only in {b}",
+        counted(diff.equal, "pair"),
+        diff.changed.len(),
+        diff.only_first.len(),
+        diff.only_second.len()
+    );
+    let only = |list: &dyn Display, pairs| some(&format!("only in {list}"), pairs, Clone::clone);
+    only(&a, &diff.only_first) + &only(&b, &diff.only_second) + &changed + &in_all
 }
 
-impl Display for ComparedLists<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let (a, b, diff) = (&self.first.file, &self.second.file, self.diff);
-        write_some(f, &format!("only in {a}"), &diff.only_first, Clone::clone)?;
-        write_some(f, &format!("only in {b}"), &diff.only_second, Clone::clone)?;
-        let shown = |value: &str| if value.is_empty() { "(none)" } else { value }.to_owned();
-        write_some(f, "different", &diff.changed, |pair| {
-            let changes: Vec<String> = pair
-                .columns
-                .iter()
-                .map(|(column, [a, b])| format!("{column} {} -> {}", shown(a), shown(b)))
-                .collect();
-            format!("{}: {}", pair.pair_id, changes.join(", "))
-        })?;
-        write!(
-            f,
-            "{} equal, {} different, {} only in {a}, {} only in {b}",
-            counted(diff.equal, "pair"),
-            diff.changed.len(),
-            diff.only_first.len(),
-            diff.only_second.len()
-        )
-    }
-}
-
-/// Writes the first items of a kind, and how many more there are.
-fn write_some<T>(
-    f: &mut Formatter<'_>,
-    head: &str,
-    items: &[T],
-    text: impl Fn(&T) -> String,
-) -> fmt::Result {
-    for item in items.iter().take(LINES) {
-        writeln!(f, "{head}: {}", text(item))?;
-    }
+/// A line for each of the first items of a kind, and how many more there are.
+fn some<T>(head: &str, items: &[T], text: impl Fn(&T) -> String) -> String {
+    let lines = items.iter().take(LINES);
+    let mut all: String = lines
+        .map(|item| format!("{head}: {}\n", text(item)))
+        .collect();
     if items.len() > LINES {
-        writeln!(f, "{head}: and {} more", items.len() - LINES)?;
+        all += &format!("{head}: and {} more\n", items.len() - LINES);
     }
-    Ok(())
+    all
 }
 
 /// Check a list against your files: photographs by sha256, camera pairs by baseline and rotation
@@ -156,38 +144,35 @@ pub(super) fn verify(args: &VerifyArgs) -> anyhow::Result<Outcome> {
         pairs: list.pairs.len(),
         found: &found,
     };
-    output::print(&verified, args.json)?;
+    output::print(args.json, || &verified, || verification(&list, &found))?;
     Ok(outcome)
 }
 
-impl Display for VerifiedList<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let found = self.found;
-        write_some(f, "absent", &found.absent, Clone::clone)?;
-        write_some(f, "unreadable", &found.unreadable, |u| {
-            format!("{}: {}", u.view, u.reason)
-        })?;
-        write_some(f, "different photograph", &found.different, |d| {
-            let (dataset, scene, view) = (&d.dataset, &d.scene, &d.view);
-            format!(
-                "{dataset}/{scene}/{view}: sha256 {} instead of {}",
-                d.found, d.expected
-            )
-        })?;
-        write_some(f, "different cameras", &found.moved, |m| {
-            let ([baseline, found_m], [rotation, found_deg]) = (m.baseline_m, m.rotation_deg);
-            format!(
-                "{}: baseline {found_m} m instead of {baseline} m, rotation {found_deg}° instead of {rotation}°",
-                m.pair_id
-            )
-        })?;
-        write!(
-            f,
-            "{}, {}: {} equal, {} without a hash in the list",
-            counted(self.pairs, "pair"),
-            counted(found.photographs, "photograph"),
-            found.equal,
-            found.unhashed
+fn verification(list: &PairList, found: &Verification) -> String {
+    let absent = some("absent", &found.absent, Clone::clone);
+    let unreadable = some("unreadable", &found.unreadable, |u| {
+        format!("{}: {}", u.view, u.reason)
+    });
+    let different = some("different photograph", &found.different, |d| {
+        let (dataset, scene, view) = (&d.dataset, &d.scene, &d.view);
+        format!(
+            "{dataset}/{scene}/{view}: sha256 {} instead of {}",
+            d.found, d.expected
         )
-    }
+    });
+    let moved = some("different cameras", &found.moved, |m| {
+        let ([baseline, found_m], [rotation, found_deg]) = (m.baseline_m, m.rotation_deg);
+        format!(
+            "{}: baseline {found_m} m instead of {baseline} m, rotation {found_deg}° instead of {rotation}°",
+            m.pair_id
+        )
+    });
+    let in_all = format!(
+        "{}, {}: {} equal, {} without a hash in the list",
+        counted(list.pairs.len(), "pair"),
+        counted(found.photographs, "photograph"),
+        found.equal,
+        found.unhashed
+    );
+    absent + &unreadable + &different + &moved + &in_all
 }

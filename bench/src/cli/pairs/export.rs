@@ -1,6 +1,5 @@
 //! `pairs export`: writes everything that an external method needs to files.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
@@ -116,14 +115,22 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
             counted(exported.without_depth, "view")
         ));
     }
-    let exported = ExportedPairs {
+    let pairs::Exported { written, kept, .. } = exported;
+    let shown = ExportedPairs {
         out: args.out.display().to_string(),
         pairs: pairs.len(),
         exported,
         list: copy.display().to_string(),
         sha256: &list.sha256,
     };
-    output::print(&exported, args.json)?;
+    output::print(
+        args.json,
+        || &shown,
+        || {
+            let (pairs, out) = (counted(shown.pairs, "pair"), &shown.out);
+            format!("{pairs} in {out}: {written} written, {kept} kept")
+        },
+    )?;
     Ok(Outcome::Done)
 }
 
@@ -135,12 +142,4 @@ struct ExportedPairs<'a> {
     exported: pairs::Exported,
     list: String,
     sha256: &'a str,
-}
-
-impl Display for ExportedPairs<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let pairs::Exported { written, kept, .. } = self.exported;
-        let pairs = counted(self.pairs, "pair");
-        write!(f, "{pairs} in {}: {written} written, {kept} kept", self.out)
-    }
 }

@@ -1,16 +1,15 @@
 //! `pairs import`: converts a published list to our format.
 
-use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
+use serde_json::json;
 
 use super::super::data_args::DatasetArgs;
 use super::super::{Outcome, output};
 use crate::io::atomic_files::write_over_own;
 use crate::io::counts::counted;
-use crate::pairs::foreign::{Context, ForeignCounts, ForeignList, ListForm, TargetSlot};
+use crate::pairs::foreign::{Context, ForeignList, ListForm, TargetSlot};
 use crate::pairs::pair_list::LIST_MARK;
 use crate::pairs::provenance::ListCompanion;
 use crate::pairs::{DatasetConfig, clap_dataset};
@@ -65,18 +64,14 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
         ListForm::Index | ListForm::Seva => "scene",
         ListForm::Flash3d | ListForm::Mine | ListForm::Unisharp => "line",
     };
-    let mut read = ReadList {
-        list: args.list.display().to_string(),
-        imported: None,
-        summary: format!(
-            "{}, {} with targets: {} in all, {} of which are also inputs",
-            counted(counts.entries, entry),
-            counts.with_pairs,
-            counted(counts.targets, "target"),
-            counts.targets_that_are_inputs
-        ),
-        counts,
-    };
+    let mut value = json!({"list": args.list.display().to_string(), "counts": counts});
+    let mut summary = format!(
+        "{}, {} with targets: {} in all, {} of which are also inputs",
+        counted(counts.entries, entry),
+        counts.with_pairs,
+        counted(counts.targets, "target"),
+        counts.targets_that_are_inputs
+    );
     if !args.datasets.is_empty() {
         let datasets = DatasetArgs {
             datasets: args.datasets.clone(),
@@ -106,48 +101,21 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
             ));
         }
         let pairs = imported.pairs.len();
-        read.summary += &format!("; {} of the datasets", counted(pairs, "pair"));
+        summary += &format!("; {} of the datasets", counted(pairs, "pair"));
         let (absent, repeated) = (imported.absent.clone(), imported.repeated);
         let ours = imported.list(args.out.as_deref().unwrap_or(&args.list));
         if let Some(out) = &args.out {
             write_over_own(out, ours.bytes(), LIST_MARK)?;
             ListCompanion::remove(out)?;
         }
-        read.imported = Some(ImportSummary {
-            absent,
-            repeated,
-            pairs,
-            sha256: ours.sha256,
-            out: args.out.as_ref().map(|out| out.display().to_string()),
-        });
+        value["absent"] = json!(absent);
+        value["repeated"] = json!(repeated);
+        value["pairs"] = json!(pairs);
+        value["sha256"] = json!(ours.sha256);
+        if let Some(out) = &args.out {
+            value["out"] = json!(out.display().to_string());
+        }
     }
-    output::print(&read, args.json)?;
+    output::print(args.json, || value, || summary)?;
     Ok(outcome)
-}
-
-#[derive(Serialize)]
-struct ReadList {
-    list: String,
-    counts: ForeignCounts,
-    /// Result of the import; `None` without datasets.
-    #[serde(flatten)]
-    imported: Option<ImportSummary>,
-    #[serde(skip)]
-    summary: String,
-}
-
-#[derive(Serialize)]
-struct ImportSummary {
-    absent: Vec<String>,
-    repeated: usize,
-    pairs: usize,
-    sha256: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    out: Option<String>,
-}
-
-impl Display for ReadList {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.summary)
-    }
 }

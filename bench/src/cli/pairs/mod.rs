@@ -7,8 +7,7 @@ mod import;
 
 use clap::{Args, Subcommand};
 
-use super::Outcome;
-use super::data_args;
+use super::{Outcome, data_args};
 use crate::pairs::PairOptions;
 
 /// Build, compare, check, export and import lists of pairs
@@ -61,7 +60,8 @@ fn help() -> String {
          sharp-bench pairs diff pairs.csv theirs.csv\n  \
          sharp-bench pairs verify theirs.csv --dataset synthetic\n  \
          sharp-bench pairs import theirs.json --form index --dataset synthetic --out pairs.csv\n  \
-         sharp-bench pairs export --pairs pairs.csv --dataset synthetic --out for-others --with target,depth",
+         sharp-bench pairs export --pairs pairs.csv --dataset synthetic --out for-others \\\n    \
+         --with target,depth",
         PairOptions::help(),
         data_args::formats_help()
     )

@@ -223,7 +223,7 @@ fn report(args: &RenderArgs, summary: &Summary, last_backend: &str) -> anyhow::R
             "warning: {last_backend} took over, because {reason}"
         ));
     }
-    output::print(summary, args.json)?;
+    output::print(args.json, || summary, || summary.to_string())?;
     Ok(Outcome::Done)
 }
 

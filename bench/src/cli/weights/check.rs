@@ -1,10 +1,10 @@
 //! `weights check`: lists the contents of a file and checks that they fit a network.
 
 use std::collections::BTreeMap;
-use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 
 use serde::Serialize;
+use serde_json::json;
 use sharp::model::inventory::CheckpointSource;
 use sharp_checkpoint::Checkpoint;
 
@@ -20,47 +20,11 @@ struct Module {
     not_finite: usize,
 }
 
-#[derive(Serialize)]
-struct Inventory<'a> {
-    file: String,
-    sha256: String,
-    record: Option<String>,
-    tensors: usize,
-    parameters: usize,
-    not_finite: usize,
-    modules: &'a BTreeMap<String, Module>,
-}
-
-impl Display for Inventory<'_> {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let mut line = |name: &str, parameters, tensors| {
-            writeln!(
-                f,
-                "{:>13} in {tensors:>4} tensors  {name}",
-                grouped(parameters)
-            )
-        };
-        for (name, module) in self.modules {
-            line(name, module.parameters, module.tensors)?;
-        }
-        line("in all", self.parameters, self.tensors)?;
-        writeln!(
-            f,
-            "not finite    {}\nsha256        {}",
-            self.not_finite, self.sha256
-        )?;
-        match &self.record {
-            Some(record) => write!(f, "record        {record}"),
-            None => Ok(()),
-        }
-    }
-}
-
 pub(super) fn execute(
     file: &Path,
     config: Option<&str>,
     allow_unused: &[String],
-    json: bool,
+    as_json: bool,
 ) -> anyhow::Result<Outcome> {
     let checkpoint = Checkpoint::open(file)?;
     let mut modules: BTreeMap<String, Module> = BTreeMap::new();
@@ -73,16 +37,34 @@ pub(super) fn execute(
     }
     let not_finite: usize = modules.values().map(|m| m.not_finite).sum();
     let sha256 = checkpoint.sha256()?;
-    let inventory = Inventory {
-        file: file.display().to_string(),
-        record: standing(file, &sha256)?,
-        sha256,
-        tensors: checkpoint.names().len(),
-        parameters: modules.values().map(|m| m.parameters).sum(),
-        not_finite,
-        modules: &modules,
+    let record = standing(file, &sha256)?;
+    let tensors = checkpoint.names().len();
+    let parameters = modules.values().map(|m| m.parameters).sum();
+    let value = || {
+        json!({
+            "file": file.display().to_string(),
+            "sha256": sha256,
+            "record": record,
+            "tensors": tensors,
+            "parameters": parameters,
+            "not_finite": not_finite,
+            "modules": modules,
+        })
     };
-    output::print(&inventory, json)?;
+    output::print(as_json, value, || {
+        let line = |name: &str, parameters, tensors| {
+            let parameters = grouped(parameters);
+            format!("{parameters:>13} in {tensors:>4} tensors  {name}\n")
+        };
+        let lines = modules.iter();
+        let lines = lines.map(|(name, module)| line(name, module.parameters, module.tensors));
+        let mut text = lines.collect::<String>() + &line("in all", parameters, tensors);
+        text += &format!("not finite    {not_finite}\nsha256        {sha256}\n");
+        if let Some(record) = &record {
+            text += &format!("record        {record}");
+        }
+        text
+    })?;
     // A file with SHARP's modules is compared with a network by default.
     let looks_like_sharp = modules
         .keys()
@@ -106,7 +88,7 @@ pub(super) fn execute(
             }
         };
         source.check(&network, allow_unused)?;
-        if !json {
+        if !as_json {
             output::line(format!("complete for {name}"))?;
         }
     }

@@ -11,14 +11,13 @@ use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
 use crate::report::speed::lines::SpeedLine;
 use crate::report::statistics::of_metric;
-use sharp_plots::Figure;
-use sharp_plots::PlotError;
 use sharp_plots::axis::PlotAxis;
 use sharp_plots::canvas::Surface;
 use sharp_plots::palette::Style;
 use sharp_plots::panels::{self, Panel, PanelFrame, PlotArea, point};
 use sharp_plots::scale::finite_range;
 use sharp_plots::style::FigureStyle;
+use sharp_plots::{Figure, PlotError};
 
 /// Seconds, keyed by method label, then by pair id.
 pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;

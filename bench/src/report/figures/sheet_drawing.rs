@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 use image::{Rgb, RgbImage, imageops};
 use sharp_plots::canvas::{Anchor, Lettering, Surface};
 use sharp_plots::ink::{INK, Ink, MUTED, PAPER};
-use sharp_plots::png;
 use sharp_plots::style::{FigureStyle, Medium};
 use sharp_plots::text::{self, Weight};
-use sharp_plots::{Drawing, Figure, PlotError};
+use sharp_plots::{Drawing, Figure, PlotError, png};
 
 use super::sheet::{Sheet, SheetMedium, Tile};
 use crate::io::atomic_files::write_all_over_own;

@@ -4,8 +4,6 @@ use super::study::{CrossingRule, Sweep, SweepPanel};
 use super::{Band, Motion};
 use crate::io::counts::counted;
 use crate::report::column::Column;
-use sharp_plots::Figure;
-use sharp_plots::PlotError;
 use sharp_plots::axis::PlotAxis;
 use sharp_plots::canvas::Surface;
 use sharp_plots::curves::{Banded, curve, shade, vertical};
@@ -14,6 +12,7 @@ use sharp_plots::palette::{Marker, Style, stroke};
 use sharp_plots::panels::{self, Panel, PanelFrame, PlotArea};
 use sharp_plots::scale::finite_range;
 use sharp_plots::style::FigureStyle;
+use sharp_plots::{Figure, PlotError};
 
 const LIMIT: Ink = Ink::opaque(0x57, 0x60, 0x6A);
 const MARK: f64 = 5.0;

@@ -7,14 +7,13 @@ use crate::evaluate::Occasion;
 use crate::io::text::visible;
 use crate::report::ReportError;
 use crate::report::html::{STYLE, VERSION, themed};
-use sharp_plots::Figure;
-use sharp_plots::PlotError;
 use sharp_plots::axis::PlotAxis;
 use sharp_plots::canvas::{Anchor, Lettering, Surface};
 use sharp_plots::ink::{INK, MUTED, PAPER};
 use sharp_plots::palette::{Marker, Style, stroke, style};
 use sharp_plots::panels::{MARKER, Panel, PanelFrame, PlotArea, figure, point as marker};
 use sharp_plots::text::{Weight, fitted};
+use sharp_plots::{Figure, PlotError};
 use sharp_statistics::Verdict;
 
 /// Font size of the labels below the axis, CSS pixels.
