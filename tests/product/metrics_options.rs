@@ -186,7 +186,7 @@ fn repeated_and_lossy_predictions_are_named() {
 #[test]
 fn a_change_that_all_predictions_have_in_common_is_named() {
     let dir = tempfile::tempdir().unwrap();
-    for side in ["t", "good", "bgr", "gbr"] {
+    for side in ["t", "good", "bgr", "gbr", "bgr-floats"] {
         std::fs::create_dir(dir.path().join(side)).unwrap();
     }
     for name in ["a", "b", "c", "d"] {
@@ -211,10 +211,22 @@ fn a_change_that_all_predictions_have_in_common_is_named() {
         stored("good", &scene(1.0), [0, 1, 2]);
         stored("bgr", &scene(1.0), [2, 1, 0]);
         stored("gbr", &scene(1.0), [1, 2, 0]);
+        let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (64, 96, 3), }";
+        let mut floats = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+        floats.extend(format!("{header:<117}\n").as_bytes());
+        for pixel in scene(1.0).pixels() {
+            floats.extend(
+                [2, 1, 0]
+                    .map(|c| (f32::from(pixel.0[c]) / 255.0).to_le_bytes())
+                    .concat(),
+            );
+        }
+        std::fs::write(dir.path().join(format!("bgr-floats/{name}.npy")), floats).unwrap();
     }
     for (side, named) in [
         ("good", ""),
         ("bgr", "have red and blue swapped; 4 of 4"),
+        ("bgr-floats", "have red and blue swapped; 4 of 4"),
         ("gbr", "contain green, blue and red"),
     ] {
         let said = metrics(dir.path(), &format!("{side} t --metrics psnr --json")).ends_with(0);

@@ -69,7 +69,7 @@ fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Opt
             format!(", with a median depth of {} m", number(median))
         });
         let unit = if baseline_m > *BASELINES_M.end() {
-            "it may be in millimetres"
+            "it may be in millimetres or centimetres"
         } else {
             "it may be in metres already"
         };

@@ -284,7 +284,7 @@ fn stereo_pairs_that_contradict_themselves_are_named() {
         ),
         (
             "X63-stereo-baseline-mm",
-            "the baseline of 193 m is implausible, with a median depth of 2759 m; it may be in millimetres",
+            "the baseline of 193 m is implausible, with a median depth of 2759 m; it may be in millimetres or centimetres",
         ),
         ("X63-stereo-swapped", "left and right are swapped"),
     ] {

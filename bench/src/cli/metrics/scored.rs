@@ -1,5 +1,6 @@
 //! Results of a pair.
 
+use std::borrow::Cow;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
@@ -93,14 +94,6 @@ pub(super) fn score(
         }
         _ => None,
     };
-    let (change, small) = match (&prediction, &target) {
-        (Picture::Rgb8(shown), Picture::Rgb8(seen)) if shown.dimensions() == seen.dimensions() => {
-            let small = compared.then(|| [shown, seen].map(shrunk));
-            let unlike = || is_unlike(&shrunk(seen), shown).then_some(PictureChange::Unlike);
-            (likely_change(seen, shown).or_else(unlike), small)
-        }
-        _ => (None, None),
-    };
     let mask = input.mask.as_deref().map(masks::read).transpose()?;
     let grey = mask.as_ref().filter(|found| found.between > 0);
     let grey = grey.map(|found| found.between as f64 / found.mask.values().len() as f64);
@@ -115,6 +108,10 @@ pub(super) fn score(
     let scores = scores.map(|(key, s)| (*key, s.as_ref().copied().map_err(ToString::to_string)));
     let scores: KeyedScores = scores.collect();
     demand_explicit(selection, &scores, &input.prediction)?;
+    let [shown, seen] = [&prediction, &target].map(eight_bit);
+    let small = compared.then(|| [&*shown, &*seen].map(shrunk));
+    let unlike = || is_unlike(&shrunk(&seen), &shown).then_some(PictureChange::Unlike);
+    let change = likely_change(&seen, &shown).or_else(unlike);
     let maps = match &args.maps {
         Some(folder) => maps(&examined, [&prediction, &target], folder, &input.name)?,
         None => Vec::new(),
@@ -148,6 +145,14 @@ pub(super) fn score(
         mask: input.mask,
         notes,
     })
+}
+
+/// The picture with 256 levels, in which changes are sought.
+fn eight_bit(picture: &Picture) -> Cow<'_, RgbImage> {
+    match picture {
+        Picture::Rgb8(image) => Cow::Borrowed(image),
+        Picture::RgbF32(image) => Cow::Owned(pictures::to_rgb8(image)),
+    }
 }
 
 fn hash_of(picture: &Picture) -> u64 {
