@@ -101,8 +101,8 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// bytes, as 64 lower-case hexadecimal digits.
     ///
     /// # Errors
-    /// Names the file and the reason: it is missing, it is incomplete (if that can be detected
-    /// without decoding), or its size differs from its camera's.
+    /// Names the file and the reason: it is missing, it is incomplete (if that can be detected without decoding), or
+    /// the photograph's size differs from the camera's.
     fn image_sha256(&self) -> Result<String, DatasetError>;
 }
 

@@ -144,7 +144,7 @@ pub struct PairFiles {
     pub gaussians: Option<GaussiansRead>,
 }
 
-/// A file of Gaussians.
+/// The file from which a prediction's Gaussians were read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct GaussiansRead {
     /// The last three parts of the path, separated by `/`.
@@ -153,7 +153,7 @@ pub struct GaussiansRead {
     pub hash: String,
 }
 
-/// A part of a target.
+/// The part of the target that a prediction shows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Crop {
     /// The region, in pixels of the target.

@@ -39,7 +39,7 @@ const PICTURES: usize = 12;
 /// Marks a page as written by this program.
 const MARK: &str = "<meta name=\"generator\" content=\"sharp-bench viewer\">";
 
-/// Contents of a page.
+/// A self-contained page that renders Gaussians in a browser, from given views.
 pub struct Viewer<'a> {
     pub title: &'a str,
     pub scene: &'a Gaussians,

@@ -173,7 +173,7 @@ impl FromStr for Frame {
     }
 }
 
-/// A view's pixels, resized and cropped.
+/// A view's content that is resized and cropped when it is read.
 #[derive(Debug)]
 struct Framed {
     whole: Arc<dyn ViewContent>,

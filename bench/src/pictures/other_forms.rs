@@ -10,7 +10,7 @@ use sharp_metrics::{
     ssim_contrast,
 };
 
-/// A variant and its value.
+/// A variant of a metric as other packages compute it, and its value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OtherForm {
     /// Name, such as `piq.DISTS`.

@@ -7,7 +7,7 @@ use crate::io::hash::sha256_hex;
 use crate::pairs::PairProvenance;
 use crate::pairs::options::paper::PROXY;
 
-/// Name and value.
+/// Name and value of a fact.
 type Fact = (String, String);
 
 /// Facts under one heading, in the order shown.

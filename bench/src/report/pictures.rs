@@ -162,7 +162,7 @@ impl<'a> ReportPictures<'a> {
     /// The kept file of a prediction. If the prediction is a crop, so is the file.
     ///
     /// # Errors
-    /// If it was not kept, or is not the scored one.
+    /// If the file was not kept, or its picture differs from the one that was scored.
     pub(crate) fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
         self.check_terms(record)?;
         let unit = (record.pair_id.clone(), record.method.clone());

@@ -283,7 +283,7 @@ impl Range {
     }
 }
 
-/// Meaning of a byte.
+/// How the bytes of an attribute are converted to numbers.
 enum Levels {
     /// Version 1: linear within a range.
     Range(Range),

@@ -89,7 +89,7 @@ impl From<std::io::Error> for ImageFileError {
     }
 }
 
-/// Information from a file's header.
+/// Format, size, orientation and colour profile, from a file's header.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// Actual format, regardless of the file's name: `PNG`, `JPEG`, `WebP`, `TIFF`, `BMP`.
@@ -112,7 +112,7 @@ impl Header {
     }
 }
 
-/// Alpha of a picture.
+/// Whether a picture has an alpha channel, and how much of it is not opaque.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Alpha {
     None,

@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 use image::{DynamicImage, ImageBuffer, Pixel};
 use moxcms::{ColorProfile, DataColorSpace, ProfileText, ToneReprCurve};
 
-/// Colour information of a file.
+/// The colour space that a file states for its picture.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Profile {
     /// sRGB, or no colour information.

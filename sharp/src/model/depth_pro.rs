@@ -111,7 +111,7 @@ impl WeightSource for DepthProSource {
     }
 }
 
-/// Depth of a photograph.
+/// Metric depth of a photograph, and the focal length that it assumes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MetricDepth {
     /// z-depth in metres, 1e-4..1e4, `[height, width]` of the photograph.

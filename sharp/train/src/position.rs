@@ -28,7 +28,7 @@ impl Stage {
     }
 }
 
-/// Ordered by time.
+/// A point in a training run: the stage and the steps completed in it. Ordered by time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position {
     pub stage: Stage,

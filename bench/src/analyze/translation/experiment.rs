@@ -16,7 +16,7 @@ pub struct Experiment {
     pub comparisons: Vec<Comparison>,
 }
 
-/// One row of the table.
+/// Scores of one altered picture against the reference: a row of the table.
 #[derive(Debug)]
 pub struct Comparison {
     /// Shift of the window in per cent of the width and in pixels; `None` for the mean image.

@@ -14,7 +14,7 @@ use sharp_datasets::files::what_lies_in;
 use crate::cli::output;
 use crate::io::checkpoint::{depth_pro_network, named_network};
 
-/// Options for the network.
+/// Options that select a network, its weights and its device.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ModelArgs {
     /// Weights: .pt or .safetensors, or mini for the bundled small network [default: the release

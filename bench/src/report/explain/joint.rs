@@ -22,7 +22,7 @@ pub struct JointReading {
     pub farthest: f64,
 }
 
-/// A metric under a joint reading.
+/// The variant of a published metric that comes closest under a joint reading, and its value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variant {
     /// Name as published, such as `LPIPS`.

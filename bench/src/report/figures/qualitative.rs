@@ -9,7 +9,7 @@ use crate::report::error::{MissingPicture, ReportError};
 use crate::report::pictures::ReportPictures;
 use crate::scoring::Region;
 
-/// What a sheet shows.
+/// Pairs, methods, scores and enlarged parts of a sheet.
 pub struct SheetContent<'a> {
     pub board: &'a Board<'a>,
     pub pairs: Vec<ChosenPair<'a>>,

@@ -30,7 +30,7 @@ pub struct SheetMedium {
 }
 
 impl SheetMedium {
-    /// Sizes for a report.
+    /// Sizes for a report on a screen.
     pub fn screen() -> Self {
         Self {
             tile: 440,

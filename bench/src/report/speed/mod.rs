@@ -17,7 +17,7 @@ use crate::evaluate::Manifest;
 use crate::evaluate::speed::{Speed, SpeedOptions};
 use crate::io::atomic_files::write_all_over_own;
 
-/// New measurements.
+/// Times of the methods that this call measured, and how they were measured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measured {
     pub speeds: Vec<Speed>,

@@ -21,7 +21,7 @@ pub struct Crossing {
     pub clusters: usize,
 }
 
-/// One sample of the quantity.
+/// The value of the quantity for one pair, at the pair's position `x` on the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample<'a> {
     pub x: f64,

@@ -46,7 +46,7 @@ pub struct SweepPanel {
     pub lines: Vec<SweepLine>,
 }
 
-/// A method on a dataset.
+/// The line of a method on a dataset: its bins for each metric.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepLine {
     pub dataset: String,

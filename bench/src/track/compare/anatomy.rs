@@ -328,7 +328,7 @@ fn masks(
         Some((class, region.crop_mask(&whole)?.into_owned()))
     };
     let masks: Option<Vec<_>> = PixelClass::ALL.into_iter().map(mask).collect();
-    masks.ok_or_else(|| "its depth does not have the size of its photograph".to_owned())
+    masks.ok_or_else(|| "its depth and its photograph differ in size".to_owned())
 }
 
 /// Mean of a map over a mask; `None` if it has no value there.

@@ -80,7 +80,7 @@ pub struct Point {
     pub change: Option<Mark>,
 }
 
-/// A change point.
+/// A change point: an entry that is better or worse than an earlier one, by one of the rules.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mark {
     /// Better or worse.
@@ -271,13 +271,13 @@ impl Trend {
     }
 }
 
-/// One method under one metric.
+/// A method and a metric, whose scores are looked up in the entries.
 struct MethodMetric<'a> {
     method: &'a MethodRecord,
     metric: &'a MetricRecord,
 }
 
-/// Comparison of two entries.
+/// Comparison of two entries: score changes, or the reasons why datasets cannot be compared.
 #[derive(Default)]
 struct Compared {
     rows: Vec<ScoreChange>,

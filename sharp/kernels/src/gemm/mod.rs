@@ -50,7 +50,7 @@ struct Tasks {
     m: usize,
 }
 
-/// A count split into equal shares.
+/// A number of tile rows or panels, cut into equal shares of one task each; the last share may be smaller.
 struct TaskCut {
     total: usize,
     share: usize,

@@ -22,7 +22,7 @@ pub(super) struct Gpu {
     fault: Arc<Mutex<Option<DeviceFault>>>,
 }
 
-/// Least to most severe.
+/// An error that the device reported; ordered from least to most severe.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 enum DeviceFault {
     Other(String),
