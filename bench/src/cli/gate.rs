@@ -117,9 +117,11 @@ pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
         args.json,
         || &judged,
         || {
-            let grids = report.grids().into_iter();
-            let grids: String = grids.map(|grid| format!("{}\n", grid.text())).collect();
-            grids + &judged.headline
+            let mut text = String::new();
+            for grid in report.grids() {
+                text += &format!("{}\n", grid.text());
+            }
+            text + &judged.headline
         },
     )?;
     for note in &report.notes {

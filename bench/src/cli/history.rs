@@ -96,7 +96,7 @@ fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
     output::print(
         args.json,
         || {
-            let mut value = shown(added.number, &added.occasion);
+            let mut value = entry_json(added.number, &added.occasion);
             value["file"] = json!(file.to_string());
             value["is_new"] = json!(added.is_new);
             value["damaged"] = json!(added.damaged);
@@ -116,8 +116,7 @@ fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
     Ok(outcome(&added.damaged))
 }
 
-/// An entry as JSON.
-fn shown(number: u32, occasion: &Occasion) -> Value {
+fn entry_json(number: u32, occasion: &Occasion) -> Value {
     let Occasion {
         label,
         commit,
@@ -130,11 +129,10 @@ fn shown(number: u32, occasion: &Occasion) -> Value {
 fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
     let history = history::read(&args.dir)?;
     let value = || {
-        let entries = history.entries.iter();
-        let entries = entries.map(|(number, occasion)| shown(*number, occasion));
+        let entry = |(number, occasion): &(u32, Occasion)| entry_json(*number, occasion);
         json!({
             "schema": 1,
-            "entries": entries.collect::<Vec<_>>(),
+            "entries": history.entries.iter().map(entry).collect::<Vec<_>>(),
             "rows": history.points().collect::<Vec<_>>(),
             "damaged": history.damaged,
         })

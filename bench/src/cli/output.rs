@@ -27,8 +27,8 @@ pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?)
 }
 
-/// Prints a command's result: with `--json` the value as indented JSON, otherwise the text. Prints nothing if the text is
-/// empty.
+/// Prints a command's result: with `--json` the value as indented JSON, otherwise the text, and nothing if the text
+/// is empty.
 pub(super) fn print<V: Serialize>(
     as_json: bool,
     value: impl FnOnce() -> V,
@@ -51,9 +51,8 @@ pub(super) fn print_written(as_json: bool, files: &[PathBuf]) -> anyhow::Result<
 
 /// A line for each written file.
 pub(super) fn wrote(files: &[PathBuf]) -> String {
-    let lines = files.iter();
-    let lines = lines.map(|file| format!("wrote {}\n", file.display()));
-    lines.collect()
+    let line = |file: &PathBuf| format!("wrote {}\n", file.display());
+    files.iter().map(line).collect()
 }
 
 pub(super) fn names(paths: &[PathBuf]) -> Vec<String> {

@@ -40,9 +40,8 @@ pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
 }
 
 fn list() -> String {
-    let protocols = PROTOCOLS.iter();
-    let lines = protocols.map(|protocol| format!("{:<14} {}\n", protocol.name, summary(protocol)));
-    lines.collect()
+    let line = |protocol: &Protocol| format!("{:<14} {}\n", protocol.name, summary(protocol));
+    PROTOCOLS.iter().map(line).collect()
 }
 
 impl Display for Protocol {

@@ -17,7 +17,7 @@ use crate::io::machine::cpu_and_threads;
 use crate::methods::{self, MethodSpec};
 use crate::pairs::{DatasetConfig, OpenDataset, clap_dataset};
 use crate::report::speed::{Measured, SpeedReport, compute::compute};
-use crate::report::tables::grid::TextGrid;
+use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::scoring::Scoring;
 
 /// Measure inference and rendering separately, or total the hours and hardware of runs
@@ -92,9 +92,10 @@ pub(super) fn execute(args: &SpeedArgs) -> anyhow::Result<Outcome> {
     let written = report.write(&args.out)?;
     let speeds = report.measured.as_ref().map(|measured| &measured.speeds);
     let grid = |grid: &TextGrid| {
-        let rows = grid.rows.iter();
-        let rows = rows.map(|row| row.iter().map(|cell| cell.text.as_str()).collect());
-        json!({"heads": grid.heads, "rows": rows.collect::<Vec<Vec<_>>>()})
+        let row = |row: &Vec<GridCell>| -> Vec<String> {
+            row.iter().map(|cell| cell.text.clone()).collect()
+        };
+        json!({"heads": grid.heads, "rows": grid.rows.iter().map(row).collect::<Vec<_>>()})
     };
     let value = || {
         json!({

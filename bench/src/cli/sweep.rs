@@ -130,18 +130,21 @@ pub(super) fn sweep(
     let files = files::write(&sweep, out, stem, style)?;
     let removed = output::names(&files.removed);
     let value = || {
-        let crossings = sweep.crossings.iter();
+        let crossings = sweep
+            .crossings
+            .iter()
+            .map(|found| crossing_json(&sweep, found));
         json!({
             "out": out.display().to_string(),
             "files": output::names(&files.written),
             "removed": removed,
-            "crossings": crossings.map(|found| crossing(&sweep, found)).collect::<Vec<_>>(),
+            "crossings": crossings.collect::<Vec<_>>(),
         })
     };
     output::print(as_json, value, || {
-        let crossings = sweep.crossings.iter();
-        let sentences = crossings.map(|found| table::sentence(&sweep, found) + "\n");
-        sentences.collect::<String>() + &output::wrote(&files.written)
+        let sentence = |found| table::sentence(&sweep, found) + "\n";
+        let sentences: String = sweep.crossings.iter().map(sentence).collect();
+        sentences + &output::wrote(&files.written)
     })?;
     for file in &removed {
         output::remark(format!(
@@ -176,7 +179,7 @@ pub(super) fn sweep(
     ))
 }
 
-fn crossing(sweep: &Sweep, crossing: &FoundCrossing) -> Value {
+fn crossing_json(sweep: &Sweep, crossing: &FoundCrossing) -> Value {
     let interval = crossing.found.interval;
     json!({
         "dataset": crossing.dataset,

@@ -128,8 +128,10 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
         None => Vec::new(),
     };
     let value = || {
-        let checks = table.checklist.iter();
-        let checks = checks.map(|check| json!({"met": check.is_met, "text": check.text}));
+        let checks = table
+            .checklist
+            .iter()
+            .map(|check| json!({"met": check.is_met, "text": check.text}));
         json!({
             "table": paper.name,
             "label": paper.label,

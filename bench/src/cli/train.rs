@@ -106,8 +106,7 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
     let weights_sha256 = weights.as_deref().map(file_sha256).transpose()?;
     let weights = weights.map(|path| path.display().to_string());
     let value = || {
-        let measured = validated.iter();
-        let measured = measured.map(|(name, value)| (name.clone(), json_number(*value)));
+        let number = |(name, value): &(String, f64)| (name.clone(), json_number(*value));
         json!({
             "complete": ended == Ended::Complete,
             "stage": position.stage.number(),
@@ -117,15 +116,15 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
             "perceptual_network": perceptual_network,
             "weights": weights,
             "weights_sha256": weights_sha256,
-            "validation": measured.collect::<Map<_, _>>(),
+            "validation": validated.iter().map(number).collect::<Map<_, _>>(),
             "page": page.display().to_string(),
         })
     };
     output::print(args.json, value, || {
-        let validated = validated.iter();
-        let mut text: String = validated
-            .map(|(name, value)| format!("{name}  {value:.4}\n"))
-            .collect();
+        let mut text = String::new();
+        for (name, value) in &validated {
+            text += &format!("{name}  {value:.4}\n");
+        }
         text += &match &weights {
             Some(path) => format!("weights {path}\n"),
             None => format!("stopped after {position}; the same command resumes it\n"),

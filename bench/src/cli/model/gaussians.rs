@@ -218,7 +218,7 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
     let (x, y, depth) = (along(0), along(1), along(2));
     let opacity = Distribution::of(opacities.iter().copied());
     let scale = Distribution::of(scales.iter().flatten().copied());
-    // A large share indicates that the axes or the space differ.
+    // Share of the Gaussians behind the camera; if it is large, the axes or the space differ.
     let behind = means.iter().filter(|m| m[2] <= 0.0).count() as f64 / n.max(1) as f64;
     let median = depth.as_ref().map(|depth| depth.quantiles[3]);
     // Evidence that the file is not in camera space with OpenCV axes and metres.

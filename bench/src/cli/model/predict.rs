@@ -51,7 +51,7 @@ pub(crate) struct PredictArgs {
     pub(super) model: ModelArgs,
     #[command(flatten)]
     pub(super) photo: PhotoArgs,
-    /// A .ply file or a folder (needed for several photographs); with --depth-only, .exr or .png replaces .ply
+    /// A .ply file, or a folder, which several photographs need; with --depth-only, an .exr or .png file instead of .ply
     #[arg(long, value_name = "FILE_OR_DIR")]
     pub(super) out: PathBuf,
     /// Omit the PLY elements that the release adds and some viewers cannot read
@@ -206,8 +206,8 @@ fn predict_one(
             ))
         ))?;
     }
-    let stages = parts.stages.iter();
-    let stages = stages.map(|(stage, seconds)| json!({"stage": stage, "seconds": seconds}));
+    let stage = |(stage, seconds): &(_, f64)| json!({"stage": stage, "seconds": seconds});
+    let stages: Vec<Value> = parts.stages.iter().map(stage).collect();
     Ok(json!({
         "image": image.display().to_string(),
         "ply": ply.display().to_string(),
@@ -215,7 +215,7 @@ fn predict_one(
         "gaussians": count,
         "focal_px": photo.focal_px,
         "seconds": seconds,
-        "stages": stages.collect::<Vec<_>>(),
+        "stages": stages,
         "peak_memory_bytes": peak_bytes(),
     }))
 }

@@ -38,8 +38,8 @@ pub(super) fn diff(args: &DiffArgs) -> anyhow::Result<Outcome> {
     let (first, second) = (PairList::read(&args.first)?, PairList::read(&args.second)?);
     let diff = first.diff(&second);
     let compared = ComparedLists {
-        first: about(&first),
-        second: about(&second),
+        first: list_json(&first),
+        second: list_json(&second),
         same: diff.is_empty(),
         diff: &diff,
     };
@@ -60,7 +60,7 @@ struct ComparedLists<'a> {
     diff: &'a ListDiff,
 }
 
-fn about(list: &PairList) -> Value {
+fn list_json(list: &PairList) -> Value {
     json!({
         "file": list.path.display().to_string(),
         "sha256": list.sha256,
@@ -72,7 +72,7 @@ fn about(list: &PairList) -> Value {
 fn difference(lists: [&PairList; 2], diff: &ListDiff) -> String {
     let [a, b] = lists.map(|list| list.path.display());
     let shown = |value: &str| if value.is_empty() { "(none)" } else { value }.to_owned();
-    let changed = some("different", &diff.changed, |pair| {
+    let changed = first_lines("different", &diff.changed, |pair| {
         let changes: Vec<String> = pair
             .columns
             .iter()
@@ -87,16 +87,15 @@ fn difference(lists: [&PairList; 2], diff: &ListDiff) -> String {
         diff.only_first.len(),
         diff.only_second.len()
     );
-    let only = |list: &dyn Display, pairs| some(&format!("only in {list}"), pairs, Clone::clone);
+    let only =
+        |list: &dyn Display, pairs| first_lines(&format!("only in {list}"), pairs, Clone::clone);
     only(&a, &diff.only_first) + &only(&b, &diff.only_second) + &changed + &in_all
 }
 
 /// A line for each of the first items of a kind, and how many more there are.
-fn some<T>(head: &str, items: &[T], text: impl Fn(&T) -> String) -> String {
-    let lines = items.iter().take(LINES);
-    let mut all: String = lines
-        .map(|item| format!("{head}: {}\n", text(item)))
-        .collect();
+fn first_lines<T>(head: &str, items: &[T], text: impl Fn(&T) -> String) -> String {
+    let line = |item| format!("{head}: {}\n", text(item));
+    let mut all: String = items.iter().take(LINES).map(line).collect();
     if items.len() > LINES {
         all += &format!("{head}: and {} more\n", items.len() - LINES);
     }
@@ -149,18 +148,18 @@ pub(super) fn verify(args: &VerifyArgs) -> anyhow::Result<Outcome> {
 }
 
 fn verification(list: &PairList, found: &Verification) -> String {
-    let absent = some("absent", &found.absent, Clone::clone);
-    let unreadable = some("unreadable", &found.unreadable, |u| {
+    let absent = first_lines("absent", &found.absent, Clone::clone);
+    let unreadable = first_lines("unreadable", &found.unreadable, |u| {
         format!("{}: {}", u.view, u.reason)
     });
-    let different = some("different photograph", &found.different, |d| {
+    let different = first_lines("different photograph", &found.different, |d| {
         let (dataset, scene, view) = (&d.dataset, &d.scene, &d.view);
         format!(
             "{dataset}/{scene}/{view}: sha256 {} instead of {}",
             d.found, d.expected
         )
     });
-    let moved = some("different cameras", &found.moved, |m| {
+    let moved = first_lines("different cameras", &found.moved, |m| {
         let ([baseline, found_m], [rotation, found_deg]) = (m.baseline_m, m.rotation_deg);
         format!(
             "{}: baseline {found_m} m instead of {baseline} m, rotation {found_deg}° instead of {rotation}°",

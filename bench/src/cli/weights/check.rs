@@ -56,9 +56,11 @@ pub(super) fn execute(
             let parameters = grouped(parameters);
             format!("{parameters:>13} in {tensors:>4} tensors  {name}\n")
         };
-        let lines = modules.iter();
-        let lines = lines.map(|(name, module)| line(name, module.parameters, module.tensors));
-        let mut text = lines.collect::<String>() + &line("in all", parameters, tensors);
+        let mut text = String::new();
+        for (name, module) in &modules {
+            text += &line(name, module.parameters, module.tensors);
+        }
+        text += &line("in all", parameters, tensors);
         text += &format!("not finite    {not_finite}\nsha256        {sha256}\n");
         if let Some(record) = &record {
             text += &format!("record        {record}");
