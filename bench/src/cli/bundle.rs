@@ -56,7 +56,7 @@ pub(super) fn execute(args: &BundleArgs) -> anyhow::Result<Outcome> {
     )?;
     if missing > 0 {
         let missing = counted(missing, "unit");
-        output::remark(format!("note: the run has not ended; missing: {missing}"));
+        output::remark(format!("note: the run is unfinished; {missing} missing"));
     }
     Ok(Outcome::of_problems(super::report::warn_damaged(&results)))
 }

@@ -258,8 +258,8 @@ mod tests {
     fn short_help_is_the_first_clause_and_the_default() {
         for (help, expected) in [
             (
-                "Run B, after; a bundle [default: A itself]. Read only",
-                "Run B, after [default: A itself]",
+                "The other run; a bundle [default: A itself]. Read only",
+                "The other run [default: A itself]",
             ),
             (
                 "A dataset, [NAME:]FORMAT=PATH; repeatable",

@@ -65,8 +65,8 @@ worded! {
         /// Values are normalised by ImageNet's mean and standard deviation.
         Normalised =
             "are normalised by ImageNet's or CLIP's mean and standard deviation; undo this before storing them",
-        /// Values are normalised by ImageNet's or CLIP's mean and standard deviation, then stretched to 0..255 by one range
-        /// for all channels.
+        /// Values are normalised by ImageNet's or CLIP's mean and standard deviation, then stretched to 0..255 by one
+        /// range for all channels.
         NormalisedAndStretched =
             "were normalised by ImageNet's or CLIP's mean and standard deviation of each channel and then stretched \
              to 0..255; undo the normalisation before storing them",
@@ -92,8 +92,8 @@ worded! {
         /// Several pictures side by side or one above the other.
         Panels =
             "are several pictures side by side or one above the other, squeezed into one; store only the prediction",
-        /// The content was padded: it appears reduced along one axis about the middle, or along both with its upper left corner in
-        /// place.
+        /// The content was padded: it appears reduced along one axis about the middle, or along both with its upper left
+        /// corner in place.
         Padded = "were resized with padding around them; remove it before resizing, or store the pictures without it",
         /// The content was cropped and stretched to the target's size: it appears enlarged along one axis.
         Cropped =

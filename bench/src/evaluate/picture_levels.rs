@@ -43,8 +43,7 @@ const MIN_OFF_EQUAL_LINES: f64 = 5.0;
 const MIN_CORRELATION: f64 = 0.8;
 
 /// Whether black and white of a photograph became 16 and 235: matching the mean and standard deviation puts them there
-/// at two resolutions, and the picture's `ends` lie in that range. Other losses of contrast put them at
-/// other levels.
+/// at two resolutions, and the picture's `ends` lie in that range. Other losses of contrast put them at other levels.
 pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bool {
     let is_near = |width: u32| {
         let [seen, shown] = [seen, shown].map(|p| moments(narrowed(p, width).iter()));

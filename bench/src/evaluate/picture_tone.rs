@@ -28,7 +28,7 @@ const MIN_CELLS: f64 = 0.5;
 const UNCLIPPED: std::ops::RangeInclusive<u8> = 12..=247;
 /// A finding is reported only if at least this many pictures of a dataset have it.
 const MIN_PICTURES: usize = 3;
-/// A curve or dark corners are reported only if they hold for at least this share of a dataset's pictures.
+/// A curve, or dark corners, are reported only if at least this share of a dataset's pictures have them.
 const MIN_SHARE: f64 = 0.8;
 /// A curve is sought only if the root mean square difference from the targets' levels is at least this.
 const MIN_OFF: f64 = 8.0;

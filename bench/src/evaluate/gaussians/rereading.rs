@@ -42,8 +42,8 @@ const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 2.0;
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
 /// [`MIN_RECOLORED_GAIN_DB`] for a form whose brightness and contrast are already the best fit.
 const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
-/// Changes of the focal length by less than this fraction count as small. A slight enlargement may improve the fit of
-/// wrongly shaped Gaussians by chance.
+/// Changes of the focal length by less than this fraction are small and must gain more, because a slight enlargement
+/// can improve the fit of wrongly shaped Gaussians by chance.
 const SMALL_ZOOM: f64 = 0.05;
 /// A small change of the focal length is accepted only if it gains at least this, in dB.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;

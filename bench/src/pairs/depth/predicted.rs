@@ -39,9 +39,9 @@ impl PredictedDepth {
     /// Creates a source from a checkpoint; its weights are loaded on first use.
     ///
     /// # Errors
-    /// If the checkpoint cannot be read, or Depth Pro was requested and the checkpoint is of another network. SHARP
-    /// checkpoints are checked when their configuration is found
-    /// ([`named_network`](crate::io::checkpoint::named_network)).
+    /// If the checkpoint cannot be read, or Depth Pro was requested and the checkpoint is of another network. Whether a
+    /// checkpoint is SHARP's is checked by [`named_network`](crate::io::checkpoint::named_network), which finds its
+    /// configuration.
     pub fn new(network: NetworkSpec, kind: DepthNetwork) -> Result<Self, PairError> {
         let source = Self {
             checkpoint_sha256: file_sha256(&network.checkpoint)?,

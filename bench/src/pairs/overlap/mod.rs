@@ -35,7 +35,8 @@ pub enum OverlapTest {
 }
 
 impl OverlapTest {
-    /// `|D − z| < 0.1 + 0.005 z − ln(0.5) · 0.1` and `z > 0.04`, with the depth `D` at the position and the projected `z`.
+    /// `|D − z| < 0.1 + 0.005 z − ln(0.5) · 0.1` and `z > 0.04`, with the depth `D` at the position and the projected
+    /// `z`.
     pub const MAP_ANYTHING: Self = Self::AbsoluteRelative {
         absolute_m: 0.1 + std::f64::consts::LN_2 * 0.1,
         relative: 0.005,

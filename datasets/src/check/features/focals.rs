@@ -115,7 +115,7 @@ pub(in crate::check) fn swapped_focals(views: &[View]) -> Option<(String, Vec<DV
     let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
     let factor = |view: &View| kinds[usize::from(is_same(focal(view), kinds[0]))] / focal(view);
     let text = format!(
-        "the focal lengths of {} ({} pixels) and {} ({}), and of views like them, appear to be swapped",
+        "views with the focal length of {} ({} pixels) and views with that of {} ({}) appear to have each other's",
         one.id,
         number(kinds[0].x),
         two.id,

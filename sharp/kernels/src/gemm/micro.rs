@@ -6,8 +6,8 @@
 
 use crate::simd::{InstructionSet, Simd};
 
-/// Longest run of the inner dimension k that is summed at once. Longer sums are split into runs of this length, which also limits their
-/// rounding error.
+/// Longest run of the inner dimension k that is summed at once. Longer sums are split into runs of this length, which
+/// also limits their rounding error.
 pub(crate) const KC: usize = 512;
 
 /// Row distances of `A` for which kernels exist.
