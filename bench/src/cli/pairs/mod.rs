@@ -60,7 +60,7 @@ fn help() -> String {
          sharp-bench pairs diff pairs.csv theirs.csv\n  \
          sharp-bench pairs verify theirs.csv --dataset synthetic\n  \
          sharp-bench pairs import theirs.json --form index --dataset synthetic --out pairs.csv\n  \
-         sharp-bench pairs export --pairs pairs.csv --dataset synthetic --out for-others \\\n    \
+         sharp-bench pairs export --pairs pairs.csv --dataset synthetic --out for-others \\\n      \
          --with target,depth",
         PairOptions::help(),
         data_args::formats_help()
