@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR};
 use super::picture_agreement::{changed_pictures, repeated_pictures};
 use super::picture_check::is_checked;
-use super::picture_order::{misplaced_pictures, reframed_datasets};
+use super::picture_group::{PictureGroup, in_datasets_or_scenes};
+use super::picture_order::misplaced_pictures;
 use super::picture_stamp::stamped_pictures;
 use super::picture_tone::{masked_pictures, toned_pictures};
 use super::record::Record;
@@ -140,16 +141,16 @@ pub(super) fn joint_doubts<'a>(
 ) -> Vec<String> {
     let mut found = Vec::new();
     if is_checked(kind) {
-        let reframed = reframed_datasets(records.clone());
-        found = [
-            changed_pictures(records.clone(), &reframed),
-            misplaced_pictures(records.clone()),
-            stamped_pictures(records.clone()),
-            toned_pictures(records.clone()),
-            masked_pictures(records.clone(), &reframed),
-            repeated_pictures(records.clone()),
-        ]
-        .concat();
+        let checks: [fn(&PictureGroup<'_>) -> Vec<String>; 6] = [
+            changed_pictures,
+            |group| misplaced_pictures(group).into_iter().collect(),
+            |group| stamped_pictures(group).into_iter().collect(),
+            |group| toned_pictures(group).into_iter().collect(),
+            |group| masked_pictures(group).into_iter().collect(),
+            |group| repeated_pictures(group).into_iter().collect(),
+        ];
+        let told = checks.map(|check| in_datasets_or_scenes(records.clone(), check));
+        found = told.concat();
     }
     found.extend(trained_targets(records.clone()));
     found.extend(outlying_sources(records, kind));

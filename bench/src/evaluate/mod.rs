@@ -19,7 +19,7 @@
 //!   [`status`]: progress.
 //! * `keys`: hashed inputs of each stage; [`gaussians`]: predictions of sources, stored, rendered and compared with
 //!   their photographs; `picture_check`, `picture_framing`, `picture_layout`, `picture_levels`, `picture_motion`,
-//!   `picture_order`, `picture_placement` and `picture_stamp`: compare pictures with the photographs that they predict;
+//!   `picture_order`, `picture_placement`, `picture_shift` and `picture_stamp`: compare pictures with the photographs that they predict;
 //!   [`finding`]: the results of these comparisons; `picture_agreement` and [`doubts`]: warnings about them.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]:
 //!   facts common to all results of a folder; `differences`: which facts may differ between combined results.
@@ -44,11 +44,13 @@ pub mod manifest;
 pub(crate) mod picture_agreement;
 pub(crate) mod picture_check;
 mod picture_framing;
+pub(crate) mod picture_group;
 mod picture_layout;
 mod picture_levels;
 mod picture_motion;
 pub(crate) mod picture_order;
 mod picture_placement;
+mod picture_shift;
 mod picture_stamp;
 mod picture_tone;
 pub mod pipeline;

@@ -6,8 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::doubts::listed;
 use super::finding::{PictureChange, ShownTarget};
 use super::picture_check::UNLIKE;
-use super::picture_order::is_resized;
-use super::record::{PairFiles, Record, Status};
+use super::picture_group::{Extent, PictureGroup, scene_of};
+use super::picture_order::{is_reframed, is_resized};
+use super::record::Record;
 
 /// A change of a dataset's pictures is reported only if at least this many have it.
 const MIN_CHANGED: usize = 3;
@@ -34,30 +35,27 @@ const MAX_UNEVEN_SHARE: f64 = 0.1;
 /// another exposure.
 const MIN_SPREAD: i16 = 5;
 
-/// The sentences of [`agreed_changes`] for each dataset. Crops and padding are not reported for `reframed` datasets,
-/// where a wrong camera explains them.
-pub(super) fn changed_pictures<'a>(
-    records: impl Iterator<Item = &'a Record>,
-    reframed: &BTreeSet<&str>,
-) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, Vec<(&str, Option<PictureChange>)>> = BTreeMap::new();
-    for record in records.filter(|record| record.status == Status::Ok) {
-        let of_dataset = by_dataset.entry(&record.dataset).or_default();
-        let is_explained = is_resized(record.change) && reframed.contains(record.dataset.as_str());
-        let change = record.change.filter(|_| !is_explained);
-        of_dataset.push((&record.pair_id, change));
-    }
-    let told = by_dataset.into_iter();
-    told.flat_map(|(dataset, pictures)| agreed_changes(&pictures, &format!("of {dataset}")))
-        .collect()
+/// The sentences of [`agreed_changes`]. Crops and padding are not reported if a wrong camera explains them.
+pub(super) fn changed_pictures(group: &PictureGroup<'_>) -> Vec<String> {
+    let is_reframed = is_reframed(group);
+    let change = |record: &&Record| {
+        let is_explained = is_reframed && is_resized(record.change);
+        record.change.filter(|_| !is_explained)
+    };
+    let pictures = group.records.iter();
+    let pictures: Vec<_> = pictures
+        .map(|record| (record.pair_id.as_str(), change(record)))
+        .collect();
+    agreed_changes(&pictures, &format!("of {}", group.name), group.extent)
 }
 
-/// A sentence on each change that enough of the named `pictures` share; clear and visible changes need a smaller share.
-/// `photographs` completes "the photographs …" in the sentence, as in "of DATASET"; it names those that the pictures were
-/// compared with.
+/// A sentence on each change that enough of the named `pictures` share. In a dataset, clear and visible changes need a
+/// smaller share. `photographs` completes "the photographs …" in the sentence, as in "of DATASET"; it names those that
+/// the pictures were compared with.
 pub(crate) fn agreed_changes(
     pictures: &[(&str, Option<PictureChange>)],
     photographs: &str,
+    extent: Extent,
 ) -> Vec<String> {
     let changes = pictures.iter().filter_map(|(_, change)| *change);
     let kinds: BTreeSet<PictureChange> = changes.clone().map(PictureChange::kind).collect();
@@ -78,11 +76,12 @@ pub(crate) fn agreed_changes(
         };
         let reaches =
             |least: usize, least_share: f64| count >= least && count as f64 >= least_share * all;
-        if reaches(MIN_CHANGED, share) {
+        if reaches(extent.fewest(MIN_CHANGED), extent.share(share)) {
             return Some(sentence_on(kind, count, pictures.len(), photographs));
         }
         let names = named(pictures, kind);
-        (kind.is_clear() && reaches(MIN_NAMED, MIN_SHARE_NAMED)).then(|| {
+        let is_named = extent == Extent::Dataset && kind.is_clear();
+        (is_named && reaches(MIN_NAMED, MIN_SHARE_NAMED)).then(|| {
             format!(
                 "{count} of its {} pictures {} (compared with the photographs {photographs}): {names}",
                 pictures.len(),
@@ -177,7 +176,7 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
 fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> String {
     let mut by_scene: BTreeMap<&str, [Vec<&str>; 2]> = BTreeMap::new();
     for (name, change) in pictures {
-        let scene = name.rsplit_once('/').map_or("", |(scene, _)| scene);
+        let scene = scene_of(name);
         let has = change.map(PictureChange::kind) == Some(kind);
         by_scene.entry(scene).or_default()[usize::from(has)].push(name);
     }
@@ -191,29 +190,18 @@ fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> Str
     listed(names.iter().map(String::as_str).collect())
 }
 
-/// A sentence for each dataset in which several targets have the same predicted file. Copies of the source are reported
-/// elsewhere.
-pub(super) fn repeated_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, Vec<(&str, [&str; 2])>> = BTreeMap::new();
-    let mut copies = BTreeSet::new();
-    for record in records.filter(|record| record.status == Status::Ok) {
-        if record.shows == Some(ShownTarget::Source) {
-            copies.insert(record.dataset.as_str());
-        }
-        if let Some(PairFiles {
-            target,
-            pictures: Some(picture),
-            ..
-        }) = &record.files
-        {
-            let of_dataset = by_dataset.entry(&record.dataset).or_default();
-            of_dataset.push((&record.pair_id, [picture, target]));
-        }
+/// A sentence if several targets have the same predicted file. Copies of the source are reported elsewhere.
+pub(super) fn repeated_pictures(group: &PictureGroup<'_>) -> Option<String> {
+    let records = || group.records.iter();
+    if records().any(|record| record.shows == Some(ShownTarget::Source)) {
+        return None;
     }
-    let told = by_dataset
-        .into_iter()
-        .filter(|(dataset, _)| !copies.contains(dataset));
-    told.filter_map(|(_, files)| repeated(&files)).collect()
+    let files = records().filter_map(|record| {
+        let files = record.files.as_ref()?;
+        let picture = files.pictures.as_ref()?;
+        Some((record.pair_id.as_str(), [picture, &files.target]))
+    });
+    repeated(&files.collect::<Vec<_>>())
 }
 
 /// A sentence if some of the `pictures` are equal although their targets are not. Each picture is given as its name and
@@ -241,6 +229,7 @@ pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::super::record::tests::record;
+    use super::super::record::{PairFiles, Status};
     use super::*;
 
     fn records(all: usize, of: impl Fn(usize, &mut Record)) -> Vec<Record> {
@@ -257,7 +246,7 @@ mod tests {
     /// What is said if the first of `all` pictures have these changes.
     fn told(changes: &[PictureChange], all: usize) -> Vec<String> {
         let of = |at: usize, record: &mut Record| record.change = changes.get(at).copied();
-        changed_pictures(records(all, of).iter(), &BTreeSet::new())
+        changed_pictures(&PictureGroup::of(&records(all, of)))
     }
 
     #[test]
@@ -339,13 +328,14 @@ mod tests {
                 });
             }
         };
-        let said = repeated_pictures(records(5, files(|at| at.min(2))).iter());
+        let records_of = records(5, files(|at| at.min(2)));
+        let said = repeated_pictures(&PictureGroup::of(&records_of)).unwrap();
         assert!(
-            said[0].starts_with("3 of its 5 pictures are equal to another one"),
+            said.starts_with("3 of its 5 pictures are equal to another one"),
             "{said:?}"
         );
         assert!(
-            said[0].ends_with(": m/scene0/a__2, m/scene0/a__3, m/scene1/a__4"),
+            said.ends_with(": m/scene0/a__2, m/scene0/a__3, m/scene1/a__4"),
             "{said:?}"
         );
         let of_source = |at: usize, record: &mut Record| {
@@ -357,7 +347,7 @@ mod tests {
             records(5, files(|at| at / 2)),
             records(5, of_source),
         ] {
-            assert_eq!(repeated_pictures(proper.iter()), Vec::<String>::new());
+            assert_eq!(repeated_pictures(&PictureGroup::of(&proper)), None);
         }
         // Repeated photographs have equal predictions.
         assert_eq!(repeated(&["a", "b", "c"].map(|name| (name, [1, 2]))), None);

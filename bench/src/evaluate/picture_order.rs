@@ -15,7 +15,9 @@ use super::finding::{Framing, PictureChange, ShownCamera, ShownTarget};
 use super::gaussians::likeness::Likeness;
 use super::picture_check::shrunk;
 use super::picture_framing::shown_framing;
+use super::picture_group::{Extent, PictureGroup, scenes};
 use super::picture_motion::{MeasuredMotion, shown_camera};
+use super::picture_shift::{shift_equations, shifted_pictures};
 use super::picture_stamp::wrong_cells;
 use super::picture_tone::tone;
 use super::record::Record;
@@ -26,6 +28,10 @@ use crate::scoring::Region;
 const MIN_SHARE: f64 = 0.8;
 /// Number of pairs per dataset whose pictures are compared, evenly spaced.
 const SAMPLED: usize = 8;
+/// Number of pairs per scene whose pictures are compared in addition, evenly spaced.
+const SAMPLED_IN_SCENE: usize = 6;
+/// Only at most this many scenes of a dataset are sampled in addition, evenly spaced, to save time.
+const MAX_SCENES: usize = 32;
 /// Number of other targets that each of these pictures is compared with.
 const OTHERS: usize = 12;
 /// A finding is reported only if at least this many pictures of a dataset agree on it.
@@ -64,7 +70,7 @@ pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
             let view = (&planned.scene.id, &planned.target.id);
             targets.entry(view).or_insert(*planned);
         }
-        for at in spread(n, SAMPLED) {
+        for at in sampled(all.iter().map(|planned| planned.scene.id.as_str())) {
             let own = &all[at];
             let (near, far): (Vec<_>, Vec<_>) = targets
                 .values()
@@ -83,6 +89,18 @@ pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
         }
     }
     compared
+}
+
+/// Which pictures are compared, given the scene of each.
+fn sampled<'a>(scene_of: impl ExactSizeIterator<Item = &'a str>) -> BTreeSet<usize> {
+    let all = spread(scene_of.len(), SAMPLED);
+    let scenes = scenes(scene_of.zip(0..));
+    let scenes: Vec<&Vec<usize>> = scenes.values().collect();
+    let in_scenes = spread(scenes.len(), MAX_SCENES).flat_map(|scene| {
+        let pictures = scenes[scene];
+        spread(pictures.len(), SAMPLED_IN_SCENE).map(|k| pictures[k])
+    });
+    all.chain(in_scenes).collect()
 }
 
 /// At most `most` of `count` indices, about evenly spaced. The distances vary, because with equal ones all pictures
@@ -106,8 +124,8 @@ impl Thumbnails {
     }
 }
 
-/// Sets [`Record::shows`], [`Record::camera`], [`Record::wrong_cells`], [`Record::tone`] and [`Record::masked`] if the
-/// picture is in the sample and covers the whole target.
+/// Sets [`Record::shows`], [`Record::camera`], [`Record::wrong_cells`], [`Record::tone`], [`Record::shift`] and
+/// [`Record::masked`] if the picture is in the sample and covers the whole target.
 pub(super) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,
@@ -116,7 +134,7 @@ pub(super) fn note_order(
     read: &mut Thumbnails,
 ) {
     (record.shows, record.camera, record.wrong_cells) = (None, None, None);
-    (record.tone, record.masked) = (None, None);
+    (record.tone, record.shift, record.masked) = (None, None, None);
     let others = others.get(&record.pair_id);
     let (Some(others), None) = (others, record.crop) else {
         return;
@@ -136,6 +154,8 @@ pub(super) fn note_order(
     let views = [planned.source, planned.target];
     let [from, to] = views.map(|view| view.camera_from_world);
     let target_from_source = to.after(&from.inverse());
+    let (target, moved) = (planned.target.intrinsics, target_from_source.translation);
+    record.shift = shift_equations(target, moved, [photograph, picture]);
     let MeasuredMotion {
         camera: moved,
         masked,
@@ -213,61 +233,54 @@ pub(crate) fn shown_target(
     Some(best.map_or(ShownTarget::Own, |(place, _)| place))
 }
 
-/// Which of `count` pictures in one folder are compared, and with whose targets, as in [`compared_pairs`].
-pub(crate) fn compared_pictures(count: usize) -> BTreeMap<usize, Vec<(ShownTarget, usize)>> {
-    let sampled = spread(count, SAMPLED).filter(|_| count >= FEWEST);
+/// Which pictures of a folder are compared, and with whose targets, as in [`compared_pairs`]. `scene_of` lists the
+/// scene of each picture.
+pub(crate) fn compared_pictures(scene_of: &[&str]) -> BTreeMap<usize, Vec<(ShownTarget, usize)>> {
+    let count = scene_of.len();
+    if count < FEWEST {
+        return BTreeMap::new();
+    }
     let others = |at: usize| {
-        let near = [
+        let neighbours = [
             (ShownTarget::Previous, (at + count - 1) % count),
             (ShownTarget::Next, (at + 1) % count),
         ];
-        let elsewhere = spread(count, OTHERS).map(|other| (ShownTarget::Other, other));
-        let all = near.into_iter().chain(elsewhere);
+        let is_near = |other: &usize| scene_of[*other] == scene_of[at];
+        let (near, far): (Vec<usize>, Vec<usize>) = (0..count).partition(is_near);
+        let elsewhere = spread(near.len(), OTHERS).map(|k| near[k]);
+        let far = spread(far.len(), OTHERS.saturating_sub(near.len())).map(|k| far[k]);
+        let elsewhere = elsewhere
+            .chain(far)
+            .map(|other| (ShownTarget::Other, other));
+        let all = neighbours.into_iter().chain(elsewhere);
         all.filter(|(_, other)| *other != at).collect()
     };
+    let sampled = sampled(scene_of.iter().copied()).into_iter();
     sampled.map(|at| (at, others(at))).collect()
 }
 
-/// What was found in the pictures of a dataset.
-#[derive(Default)]
-struct OfDataset {
-    shown: BTreeMap<ShownTarget, usize>,
-    cameras: Vec<ShownCamera>,
-    /// Number of pictures.
-    all: usize,
-    /// Number of pictures that were cropped or padded and then resized, which are already reported.
-    resized: usize,
-}
-
-impl OfDataset {
-    /// The wrong camera on which nearly all measured pictures agree, with the number that agree and the number
-    /// measured.
-    fn wrong_camera(&self) -> Option<(ShownCamera, usize, usize)> {
-        let mut cameras = self.cameras.clone();
-        if self.resized as f64 >= MIN_SHARE * self.all as f64 {
-            cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
-        }
-        wrong_camera(cameras)
-    }
-}
-
-fn by_dataset<'a>(records: impl Iterator<Item = &'a Record>) -> BTreeMap<&'a str, OfDataset> {
-    let mut by_dataset: BTreeMap<&str, OfDataset> = BTreeMap::new();
+/// The cameras measured in a group's pictures.
+fn cameras(group: &PictureGroup<'_>) -> Vec<ShownCamera> {
     let mut sources = BTreeSet::new();
-    for record in records {
-        let found = by_dataset.entry(&record.dataset).or_default();
-        found.all += 1;
-        found.resized += usize::from(is_resized(record.change));
-        if let Some(target) = record.shows {
-            *found.shown.entry(target).or_default() += 1;
-        }
+    let mut cameras = Vec::new();
+    for record in &group.records {
         // Pictures predicted from one source share its scale, so positive factors count once per source.
-        let source = (&record.dataset, &record.scene, &record.source);
-        let is_repeated =
-            matches!(record.camera, Some(ShownCamera::Moved(1..))) && !sources.insert(source);
-        found.cameras.extend(record.camera.filter(|_| !is_repeated));
+        let is_repeated = matches!(record.camera, Some(ShownCamera::Moved(1..)))
+            && !sources.insert((&record.scene, &record.source));
+        cameras.extend(record.camera.filter(|_| !is_repeated));
     }
-    by_dataset
+    cameras
+}
+
+/// The wrong camera on which nearly all measured pictures agree, with the number that agree and the number measured.
+fn wrong_camera_of(group: &PictureGroup<'_>) -> Option<(ShownCamera, usize, usize)> {
+    let mut cameras = cameras(group);
+    let resized = group.records.iter().filter(|r| is_resized(r.change));
+    // Pictures that were cropped or padded and then resized are already reported.
+    if resized.count() as f64 >= MIN_SHARE * group.records.len() as f64 {
+        cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
+    }
+    wrong_camera(cameras, group.extent)
 }
 
 /// Whether a picture seems to be cropped or padded and then resized.
@@ -275,52 +288,51 @@ pub(super) fn is_resized(change: Option<PictureChange>) -> bool {
     matches!(change, Some(PictureChange::Cropped | PictureChange::Padded))
 }
 
-/// The datasets whose pictures agree on another focal length, lens or placement of the camera. This explains why some
-/// of the pictures seem to be resized.
-pub(super) fn reframed_datasets<'a>(
-    records: impl Iterator<Item = &'a Record>,
-) -> BTreeSet<&'a str> {
-    let all = by_dataset(records).into_iter();
-    let reframed = all.filter(|(_, found)| {
-        let camera = found.wrong_camera().map(|(camera, ..)| camera);
-        matches!(camera, Some(ShownCamera::Reframed(_)))
-    });
-    reframed.map(|(dataset, _)| dataset).collect()
+/// Whether the pictures agree on another focal length, lens or placement of the camera. This explains why some of them
+/// seem to be resized.
+pub(super) fn is_reframed(group: &PictureGroup<'_>) -> bool {
+    let camera = wrong_camera_of(group).map(|(camera, ..)| camera);
+    matches!(camera, Some(ShownCamera::Reframed(_)))
 }
 
-/// A sentence for each dataset in which the compared pictures agree on a wrong camera, or most show other targets.
-pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let told = by_dataset(records).into_iter();
-    told.filter_map(|(dataset, mut found)| {
-        let pairs = format!("pairs of {dataset}");
-        // If a quarter of the pictures clearly moved, those that resemble the source merely have poor depth.
-        let moving = found
-            .cameras
-            .iter()
-            .filter(|camera| matches!(camera, ShownCamera::Moved(20..)));
-        if 4 * moving.count() >= found.shown.values().sum() {
-            found.shown.remove(&ShownTarget::SourceView);
-        }
-        match found.wrong_camera() {
-            Some((camera, count, all)) => Some(format!(
-                "its pictures {} ({count} of the {all} {pairs} whose motion could be measured agree)",
-                camera.text()
-            )),
-            None => misplaced(&found.shown, &pairs),
-        }
-    })
-    .collect()
+/// A sentence if the compared pictures agree on a wrong camera, or most show other targets.
+pub(super) fn misplaced_pictures(group: &PictureGroup<'_>) -> Option<String> {
+    let pairs = format!("pairs of {}", group.name);
+    let mut shown: BTreeMap<ShownTarget, usize> = BTreeMap::new();
+    for target in group.records.iter().filter_map(|record| record.shows) {
+        *shown.entry(target).or_default() += 1;
+    }
+    // If a quarter of the pictures clearly moved, those that resemble the source merely have poor depth.
+    let cameras = cameras(group).into_iter();
+    let moving = cameras.filter(|camera| matches!(camera, ShownCamera::Moved(20..)));
+    if 4 * moving.count() >= shown.values().sum() {
+        shown.remove(&ShownTarget::SourceView);
+    }
+    match wrong_camera_of(group) {
+        Some((camera, count, all)) => Some(format!(
+            "its pictures {} ({count} of the {all} {pairs} whose motion could be measured agree)",
+            camera.text()
+        )),
+        None => misplaced(&shown, &pairs, group.extent).or_else(|| shifted_pictures(group)),
+    }
 }
 
 /// A sentence if most compared pictures show targets other than their own; `found` counts what they show. `pairs`
 /// says which pairs they belong to.
-pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
+pub(crate) fn misplaced(
+    found: &BTreeMap<ShownTarget, usize>,
+    pairs: &str,
+    extent: Extent,
+) -> Option<String> {
     use ShownTarget::{Next, Other, Previous, Source, SourceView};
     let count = |places: &[ShownTarget]| -> usize {
         places.iter().filter_map(|place| found.get(place)).sum()
     };
     let all: usize = found.values().sum();
-    let is_most = |count: usize| count >= FEWEST && 2 * count > all;
+    let is_most = |count: usize| {
+        let is_enough = count as f64 >= extent.share(0.5) * all as f64;
+        count >= extent.fewest(FEWEST) && 2 * count > all && is_enough
+    };
     let copies = count(&[Source]);
     if is_most(copies) {
         return Some(format!(
@@ -354,7 +366,9 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
 }
 
 /// The wrong camera on which nearly all of the `cameras` agree, with the number that agree and the number of all.
-fn wrong_camera(cameras: Vec<ShownCamera>) -> Option<(ShownCamera, usize, usize)> {
+///
+/// Predictions from one photograph often have a wrong scale in one scene, which is no mistake of those who stored them.
+fn wrong_camera(cameras: Vec<ShownCamera>, extent: Extent) -> Option<(ShownCamera, usize, usize)> {
     let all = cameras.len();
     let mut wrong: Vec<ShownCamera> = cameras.into_iter().filter(|c| c.is_wrong()).collect();
     wrong.sort_unstable();
@@ -368,8 +382,11 @@ fn wrong_camera(cameras: Vec<ShownCamera>) -> Option<(ShownCamera, usize, usize)
         }
         other => other,
     };
+    let is_scale = matches!(middle, ShownCamera::Moved(0..)) && extent == Extent::Scene;
     let count = wrong.iter().filter(|camera| camera.is_like(middle)).count();
-    (count >= FEWEST && count as f64 >= MIN_SHARE * all as f64).then_some((middle, count, all))
+    let is_found =
+        count >= extent.fewest(FEWEST) && count as f64 >= MIN_SHARE * all as f64 && !is_scale;
+    is_found.then_some((middle, count, all))
 }
 
 #[cfg(test)]
@@ -392,14 +409,14 @@ mod tests {
     /// What the sentence is if the picture of `from(k)` has the name of k, for 9 pictures.
     fn told(from: impl Fn(usize) -> usize) -> Option<String> {
         let mut found = BTreeMap::new();
-        for (at, others) in compared_pictures(9) {
+        for (at, others) in compared_pictures(&[""; 9]) {
             let others = others.into_iter().map(|(place, k)| (place, view(k, 0)));
             let shown = view(from(at), 1);
             *found
                 .entry(shown_target(&view(at, 0), &shown, None, others)?)
                 .or_insert(0) += 1;
         }
-        misplaced(&found, "pictures")
+        misplaced(&found, "pictures", Extent::Dataset)
     }
 
     #[test]
@@ -420,7 +437,7 @@ mod tests {
                 .contains("the target of another pair")
         );
         assert_eq!(told(|k| k), None);
-        assert_eq!(compared_pictures(2), BTreeMap::new());
+        assert_eq!(compared_pictures(&[""; 2]), BTreeMap::new());
     }
 
     #[test]
@@ -444,13 +461,18 @@ mod tests {
         assert_eq!(shown(&blend, 1), Some(ShownTarget::Own));
         // A target equal to its source.
         assert_eq!(shown(&view(0, 0), 0), Some(ShownTarget::Own));
-        let said = misplaced(&BTreeMap::from([(ShownTarget::Source, 3)]), "pairs of d").unwrap();
+        let said = misplaced(
+            &BTreeMap::from([(ShownTarget::Source, 3)]),
+            "pairs of d",
+            Extent::Dataset,
+        )
+        .unwrap();
         assert!(
             said.contains("are the source's photograph, as with the baseline `copy` (3 of the 3"),
             "{said}"
         );
         let said = BTreeMap::from([(ShownTarget::Source, 1), (ShownTarget::SourceView, 3)]);
-        let said = misplaced(&said, "pairs of d").unwrap();
+        let said = misplaced(&said, "pairs of d", Extent::Dataset).unwrap();
         assert!(
             said.contains("show the source's view rather than the target's (4 of the 4"),
             "{said}"
@@ -472,7 +494,7 @@ mod tests {
                 ..record()
             })
             .collect();
-        misplaced_pictures(records.iter()).pop()
+        misplaced_pictures(&PictureGroup::of(&records))
     }
 
     #[test]
@@ -589,10 +611,14 @@ mod tests {
                     ..record()
                 })
                 .collect();
-            let said = misplaced_pictures(records.iter()).len();
-            (said, reframed_datasets(records.iter()).len())
+            let group = PictureGroup::of(&records);
+            let is_told = misplaced_pictures(&group).is_some();
+            [is_told, is_reframed(&group)]
         };
-        assert_eq!([told(0), told(5), told(7)], [(1, 1), (1, 1), (0, 0)]);
+        assert_eq!(
+            [told(0), told(5), told(7)],
+            [[true; 2], [true; 2], [false; 2]]
+        );
     }
 
     #[test]
@@ -610,7 +636,7 @@ mod tests {
                     ..record()
                 })
                 .collect();
-            misplaced_pictures(records.iter()).pop()
+            misplaced_pictures(&PictureGroup::of(&records))
         };
         assert!(told(1).unwrap().contains("show the source's view"));
         assert_eq!(told(2), None);
@@ -626,10 +652,10 @@ mod tests {
                     ..record()
                 })
                 .collect();
-            misplaced_pictures(records.iter())
+            misplaced_pictures(&PictureGroup::of(&records))
         };
-        assert_eq!(told(|_| "a".to_owned()), Vec::<String>::new());
-        assert!(told(|k| k.to_string())[0].contains("4 of the 4"));
+        assert_eq!(told(|_| "a".to_owned()), None);
+        assert!(told(|k| k.to_string()).unwrap().contains("4 of the 4"));
     }
 
     /// Pictures under other names also seem to have moved by multiples of the motion, which differ from pair to pair.
@@ -643,7 +669,7 @@ mod tests {
                 ..record()
             })
             .collect();
-        let said = misplaced_pictures(records.iter()).pop().unwrap();
+        let said = misplaced_pictures(&PictureGroup::of(&records)).unwrap();
         assert!(
             said.contains("the target of the pair after theirs"),
             "{said}"

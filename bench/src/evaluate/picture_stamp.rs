@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use image::RgbImage;
 use image::imageops::thumbnail;
 
-use super::record::{Record, Status};
+use super::picture_group::PictureGroup;
+use super::record::Record;
 use crate::pairs::valid_depth::median_of;
 
 /// Number of cells across and down.
@@ -50,21 +51,11 @@ pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<Cell> {
     wrong.map(|(cell, (own, seen))| (cell, own, seen)).collect()
 }
 
-/// A warning for each dataset whose pictures share content that their targets do not show.
-pub(super) fn stamped_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, Vec<(&Record, &[Cell])>> = BTreeMap::new();
-    for record in records.filter(|record| record.status == Status::Ok) {
-        if let Some(cells) = &record.wrong_cells {
-            let of_dataset = by_dataset.entry(&record.dataset).or_default();
-            of_dataset.push((record, cells));
-        }
-    }
-    let told = by_dataset.into_iter();
-    told.filter_map(|(dataset, pictures)| stamp(dataset, &pictures))
-        .collect()
-}
-
-fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
+/// A warning if the pictures share content that their targets do not show.
+pub(super) fn stamped_pictures(group: &PictureGroup<'_>) -> Option<String> {
+    let records = group.records.iter();
+    let compared = records.filter_map(|record| Some((*record, record.wrong_cells.as_deref()?)));
+    let pictures: Vec<(&Record, &[Cell])> = compared.collect();
     let views = |of: fn(&Record) -> &String| {
         let names = pictures
             .iter()
@@ -116,8 +107,9 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
     Some(format!(
         "its pictures have something in common that their targets do not have, such as a caption, logo or watermark \
          (about {:.0} % of their area, at {across} of the width and {down} of the height, is the same in nearly all of \
-         the {all} compared of {dataset}); store the pictures without it",
-        100.0 * share
+         the {all} compared of {}); store the pictures without it",
+        100.0 * share,
+        group.name
     ))
 }
 
@@ -125,11 +117,12 @@ fn stamp(dataset: &str, pictures: &[(&Record, &[Cell])]) -> Option<String> {
 mod tests {
     use image::Rgb;
 
+    use super::super::record::Status;
     use super::super::record::tests::record;
     use super::*;
 
     /// The warning about eight predictions, altered by `change`.
-    fn told(change: impl Fn(u32, u32, u8) -> u8) -> Vec<String> {
+    fn told(change: impl Fn(u32, u32, u8) -> u8) -> Option<String> {
         let wave = |view: u32, x: u32, y: u32| {
             let (u, v) = (f64::from(x) / 23.0, f64::from(y) / 31.0);
             (128.0 + 100.0 * (u + f64::from(view * 9)).sin() * (v + f64::from(view * 5)).cos())
@@ -151,7 +144,7 @@ mod tests {
                     }
                 })
                 .collect();
-        stamped_pictures(records.iter())
+        stamped_pictures(&PictureGroup::of(&records))
     }
 
     #[test]
@@ -161,15 +154,14 @@ mod tests {
             true => [0, 200][usize::from((x / 8).is_multiple_of(3))],
             false => level,
         };
-        let said = told(caption);
+        let said = told(caption).unwrap();
         assert!(
-            said.len() == 1
-                && said[0].contains("at 5 to 55 % of the width and 3 to 16 % of the height"),
-            "{said:?}"
+            said.contains("at 5 to 55 % of the width and 3 to 16 % of the height"),
+            "{said}"
         );
-        assert_eq!(told(|_, _, level| level), [""; 0]);
+        assert_eq!(told(|_, _, level| level), None);
         // Holes, and pictures without content.
-        assert_eq!(told(|x, _, level| if x > 130 { 0 } else { level }), [""; 0]);
-        assert_eq!(told(|x, y, _| (x + y) as u8), [""; 0]);
+        assert_eq!(told(|x, _, level| if x > 130 { 0 } else { level }), None);
+        assert_eq!(told(|x, y, _| (x + y) as u8), None);
     }
 }

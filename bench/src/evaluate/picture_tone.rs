@@ -5,14 +5,13 @@
 //! Methods that reproduce levels badly err differently in each picture, so only a curve shared by nearly all pictures
 //! is evidence.
 
-use std::collections::{BTreeMap, BTreeSet};
-
 use image::RgbImage;
 use image::imageops::thumbnail;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::record::{Record, Status};
+use super::picture_group::{Extent, PictureGroup};
+use super::picture_order::is_reframed;
 
 /// Number of cells across and down.
 const GRID: [u32; 2] = [32, 24];
@@ -32,6 +31,8 @@ const MIN_PICTURES: usize = 3;
 const MIN_SHARE: f64 = 0.8;
 /// A curve is sought only if the root mean square difference from the targets' levels is at least this.
 const MIN_OFF: f64 = 8.0;
+/// [`MIN_OFF`] for one scene of a dataset. Blurred predictions of one scene differ by less.
+const MIN_OFF_IN_SCENE: f64 = 16.0;
 /// A curve explains levels if it reduces their squared error to at most this fraction.
 const MAX_EXPLAINED_ERROR: f64 = 0.25;
 /// A curve with more parameters is preferred only if it reduces the squared error to at most this fraction.
@@ -230,7 +231,7 @@ fn error_of_line(pairs: &[LevelPair]) -> f64 {
 }
 
 /// The curve with the fewest parameters that explains the pairs, if any does.
-fn explaining(pairs: &[LevelPair]) -> Option<Curve> {
+fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
     let logarithms = pairs
         .iter()
         .map(|(channel, from, to)| (*channel, from.ln(), to.ln()));
@@ -277,60 +278,46 @@ fn explaining(pairs: &[LevelPair]) -> Option<Curve> {
             false => best,
         }
     })?;
-    (255.0 * off >= MIN_OFF && error(pairs, best) <= MAX_EXPLAINED_ERROR * before).then_some(best)
+    (255.0 * off >= min_off && error(pairs, best) <= MAX_EXPLAINED_ERROR * before).then_some(best)
 }
 
-/// A sentence for each dataset whose pictures have one curve or dark corners in common.
-pub(super) fn toned_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, Vec<(&Record, &Tone)>> = BTreeMap::new();
-    for record in records.filter(|record| record.status == Status::Ok) {
-        if let Some(tone) = &record.tone {
-            let of_dataset = by_dataset.entry(&record.dataset).or_default();
-            of_dataset.push((record, tone));
-        }
+/// A sentence if the pictures have one curve or dark corners in common.
+pub(super) fn toned_pictures(group: &PictureGroup<'_>) -> Option<String> {
+    let records = group.records.iter();
+    let measured = records.filter_map(|record| Some((record.change, record.tone.as_ref()?)));
+    let (changes, tones): (Vec<_>, Vec<&Tone>) = measured.unzip();
+    // If most pictures have another detected change, that change explains their levels.
+    let changed = changes.iter().flatten().count();
+    if tones.len() < group.extent.fewest(MIN_PICTURES) || 2 * changed >= tones.len() {
+        return None;
     }
-    let told = by_dataset.into_iter().filter(|(_, pictures)| {
-        // If most pictures have another detected change, that change explains their levels.
-        let changed = pictures
-            .iter()
-            .filter(|(record, _)| record.change.is_some());
-        pictures.len() >= MIN_PICTURES && 2 * changed.count() < pictures.len()
-    });
-    told.filter_map(|(dataset, pictures)| {
-        let tones: Vec<&Tone> = pictures.iter().map(|(_, tone)| *tone).collect();
-        let told = dark_corners(&tones, dataset).or_else(|| common_curve(&tones, dataset));
-        told.or_else(|| exposures_of_sources(&tones, dataset))
+    let (tones, name) = (&tones[..], group.name.as_str());
+    match group.extent {
+        Extent::Dataset => dark_corners(tones, name)
+            .or_else(|| common_curve(tones, name, group.extent))
+            .or_else(|| exposures_of_sources(tones, name)),
+        Extent::Scene => common_curve(tones, name, group.extent),
+    }
+}
+
+/// A sentence if most pictures are black or white where source and target show content. Pictures of another camera may
+/// lack a border.
+pub(super) fn masked_pictures(group: &PictureGroup<'_>) -> Option<String> {
+    let mut shares: Vec<u8> = group.records.iter().filter_map(|r| r.masked).collect();
+    shares.sort_unstable();
+    let (all, median) = (shares.len(), *shares.get(shares.len() / 2)?);
+    let is_masked = |share: &&u8| **share >= MIN_MASKED_PERCENT;
+    let count = shares.iter().filter(is_masked).count();
+    let is_found = count >= group.extent.fewest(MIN_PICTURES)
+        && count as f64 >= group.extent.share(MIN_MASKED_SHARE) * all as f64;
+    (is_found && !is_reframed(group)).then(|| {
+        format!(
+            "its pictures are black or white in places that both source and target show (a median of {median} % of \
+             these places, in {count} of the {all} compared pairs of {}), as with a masked background; store the \
+             pictures without a mask, and render the background as well",
+            group.name
+        )
     })
-    .collect()
-}
-
-/// A sentence for each dataset most of whose pictures are black or white where source and target show content. Skips
-/// `reframed` datasets, whose pictures may lack a border.
-pub(super) fn masked_pictures<'a>(
-    records: impl Iterator<Item = &'a Record>,
-    reframed: &BTreeSet<&str>,
-) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, Vec<u8>> = BTreeMap::new();
-    let whole = records.filter(|record| !reframed.contains(record.dataset.as_str()));
-    for record in whole.filter(|record| record.status == Status::Ok) {
-        if let Some(masked) = record.masked {
-            by_dataset.entry(&record.dataset).or_default().push(masked);
-        }
-    }
-    let told = by_dataset.into_iter().filter_map(|(dataset, mut shares)| {
-        shares.sort_unstable();
-        let (all, median) = (shares.len(), *shares.get(shares.len() / 2)?);
-        let count = shares.iter().filter(|share| **share >= MIN_MASKED_PERCENT).count();
-        let is_found = count >= MIN_PICTURES && count as f64 >= MIN_MASKED_SHARE * all as f64;
-        is_found.then(|| {
-            format!(
-                "its pictures are black or white in places that both source and target show (a median of {median} % of \
-                 these places, in {count} of the {all} compared pairs of {dataset}), as with a masked background; store \
-                 the pictures without a mask, and render the background as well"
-            )
-        })
-    });
-    told.collect()
 }
 
 /// Number of the pictures in `of` whose levels `curve` explains.
@@ -340,7 +327,7 @@ fn explained(of: &[Vec<LevelPair>], curve: Curve) -> usize {
     of.iter().filter(is_explained).count()
 }
 
-fn common_curve(tones: &[&Tone], dataset: &str) -> Option<String> {
+fn common_curve(tones: &[&Tone], name: &str, extent: Extent) -> Option<String> {
     let is_most = |count: usize| count as f64 >= MIN_SHARE * tones.len() as f64;
     let by_picture = |of: fn(&Tone) -> &[[u8; 5]; 3]| -> Vec<Vec<LevelPair>> {
         tones
@@ -352,17 +339,25 @@ fn common_curve(tones: &[&Tone], dataset: &str) -> Option<String> {
         by_picture(|tone| &tone.picture),
         by_picture(|tone| &tone.source),
     ];
-    let curve = explaining(&pictures.concat())?;
-    let count = explained(&pictures, curve);
+    let min_off = match extent {
+        Extent::Dataset => MIN_OFF,
+        Extent::Scene => MIN_OFF_IN_SCENE,
+    };
+    let curve = explaining(&pictures.concat(), min_off)?;
+    let (count, of_sources) = (explained(&pictures, curve), explained(&sources, curve));
     let all = tones.len();
-    is_most(count).then(|| match is_most(explained(&sources, curve)) {
+    // Within a scene, cameras often expose each photograph differently.
+    if extent == Extent::Scene && 4 * of_sources > all {
+        return None;
+    }
+    is_most(count).then(|| match is_most(of_sources) {
         true => format!(
-            "its pictures {} ({count} of the {all} compared in pairs of {dataset}); the same holds for the sources, so the \
+            "its pictures {} ({count} of the {all} compared in pairs of {name}); the same holds for the sources, so the \
              dataset's photographs differ in exposure or white balance, and the predictions are not to blame",
             curve.text()
         ),
         false => format!(
-            "its pictures {} ({count} of the {all} compared in pairs of {dataset} agree, and the sources do not); store them \
+            "its pictures {} ({count} of the {all} compared in pairs of {name} agree, and the sources do not); store them \
              in sRGB, as the photographs are",
             curve.text()
         ),
@@ -373,7 +368,7 @@ fn common_curve(tones: &[&Tone], dataset: &str) -> Option<String> {
 /// their sources.
 fn exposures_of_sources(tones: &[&Tone], dataset: &str) -> Option<String> {
     let following = tones.iter().filter(|tone| {
-        let curve = explaining(&level_pairs(&tone.target, &tone.source));
+        let curve = explaining(&level_pairs(&tone.target, &tone.source), MIN_OFF);
         curve
             .is_some_and(|curve| explained(&[level_pairs(&tone.target, &tone.picture)], curve) == 1)
     });
@@ -419,6 +414,7 @@ mod tests {
     use image::imageops::fast_blur;
 
     use super::super::record::tests::record;
+    use super::super::record::{Record, Status};
     use super::*;
 
     const SIZE: (u32, u32) = (160, 120);
@@ -435,7 +431,7 @@ mod tests {
     type Change = dyn Fn(u32, u32, u32, [f64; 3]) -> [f64; 3];
 
     /// What is said of six predictions with some parallax and blur, whose colours (0..1) are changed by view and place.
-    fn told(sources: &Change, change: &Change) -> Vec<String> {
+    fn told(sources: &Change, change: &Change) -> Option<String> {
         let changed = |of: &RgbImage, view: u32, change: &Change| {
             RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
                 let color = of.get_pixel(x, y).0.map(|level| f64::from(level) / 255.0);
@@ -456,7 +452,7 @@ mod tests {
                 }
             })
             .collect();
-        toned_pictures(records.iter())
+        toned_pictures(&PictureGroup::of(&records))
     }
 
     const AS_READ: &Change = &|_, _, _, color| color;
@@ -496,12 +492,9 @@ mod tests {
             }),
         ];
         for (cause, measured, change) in cases {
-            let said = told(AS_READ, change);
-            assert!(
-                said.len() == 1 && said[0].contains(cause),
-                "{cause}: {said:?}"
-            );
-            let words = said[0].split(|c: char| c != '.' && !c.is_ascii_digit());
+            let said = told(AS_READ, change).unwrap();
+            assert!(said.contains(cause), "{cause}: {said:?}");
+            let words = said.split(|c: char| c != '.' && !c.is_ascii_digit());
             let mut numbers =
                 words.filter_map(|word| word.trim_end_matches('.').parse::<f64>().ok());
             assert!(
@@ -511,15 +504,20 @@ mod tests {
         }
         let varied: &Change =
             &|view, _, _, color| color.map(|v| v * [0.7, 0.6, 0.8, 1.0, 1.0, 0.65][view as usize]);
-        let said = told(varied, varied);
-        assert!(
-            said.len() == 1 && said[0].contains("in 4 of the 6"),
-            "{said:?}"
-        );
-        assert_eq!(told(varied, AS_READ), Vec::<String>::new());
+        let said = told(varied, varied).unwrap();
+        assert!(said.contains("in 4 of the 6"), "{said:?}");
+        assert_eq!(told(varied, AS_READ), None);
         let darker: &Change = &|_, _, _, color| color.map(|v| 0.7 * v);
-        assert!(told(AS_READ, darker)[0].contains("the sources do not"));
-        assert!(told(darker, darker)[0].contains("photographs differ in exposure"));
+        assert!(
+            told(AS_READ, darker)
+                .unwrap()
+                .contains("the sources do not")
+        );
+        assert!(
+            told(darker, darker)
+                .unwrap()
+                .contains("photographs differ in exposure")
+        );
     }
 
     #[test]
@@ -555,7 +553,7 @@ mod tests {
             }),
         ];
         for (what, change) in proper {
-            assert_eq!(told(AS_READ, change), Vec::<String>::new(), "{what}");
+            assert_eq!(told(AS_READ, change), None, "{what}");
         }
     }
 
@@ -567,12 +565,16 @@ mod tests {
                 masked: Some(masked),
                 ..record()
             };
-            masked_pictures(shares.map(of).iter(), &BTreeSet::new())
+            masked_pictures(&PictureGroup::of(&shares.map(of)))
         };
-        assert!(told([30, 40, 35, 25, 20])[0].contains("a median of 30 %"));
-        assert!(told([30, 40, 35, 25, 0])[0].contains("4 of the 5"));
+        assert!(
+            told([30, 40, 35, 25, 20])
+                .unwrap()
+                .contains("a median of 30 %")
+        );
+        assert!(told([30, 40, 35, 25, 0]).unwrap().contains("4 of the 5"));
         for proper in [[0; 5], [4; 5], [60, 50, 4, 0, 3]] {
-            assert_eq!(told(proper), Vec::<String>::new());
+            assert_eq!(told(proper), None);
         }
     }
 }

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::finding::{PictureChange, ShownCamera, ShownTarget};
+use super::picture_shift::ShiftEquations;
 use super::picture_stamp::Cell;
 use super::picture_tone::Tone;
 use crate::scoring::Region;
@@ -118,6 +119,9 @@ pub struct Record {
     /// Levels of the stored picture, its target and its source; `None` if they were not compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tone: Option<Tone>,
+    /// Equations of the stored picture's shift; `None` if it was not compared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shift: Option<ShiftEquations>,
     /// Percentage of the content common to source and target where the stored picture is black or white; `None` if too
     /// little content was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -351,6 +355,7 @@ pub(super) mod tests {
             wrong_cells: None,
             tone: None,
             masked: None,
+            shift: None,
             rule_note: None,
         }
     }

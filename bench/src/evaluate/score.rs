@@ -284,6 +284,7 @@ pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
         shows: None,
         camera: None,
         wrong_cells: None,
+        shift: None,
         tone: None,
         masked: None,
         rule_note: None,

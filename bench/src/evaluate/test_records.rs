@@ -55,6 +55,7 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         shows: None,
         camera: None,
         wrong_cells: None,
+        shift: None,
         tone: None,
         masked: None,
         rule_note: None,

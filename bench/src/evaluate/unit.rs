@@ -253,6 +253,7 @@ mod tests {
             shows: None,
             camera: None,
             wrong_cells: None,
+            shift: None,
             tone: None,
             masked: None,
             rule_note: None,

@@ -30,6 +30,7 @@ use crate::config::MetricConfig;
 use crate::config::metrics::demand_weights;
 use crate::evaluate::finding::ShownTarget;
 use crate::evaluate::picture_agreement::{agreed_changes, repeated};
+use crate::evaluate::picture_group::{Extent, in_scene, scene_of, scenes};
 use crate::evaluate::picture_order::{compared_pictures, misplaced, shown_target};
 use crate::io::atomic_files::{check_writable, folder_of, write_atomic};
 use crate::io::counts::counted;
@@ -161,7 +162,8 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     let terminal = Terminal::default();
     terminal.begin("scoring", inputs.len(), "pictures");
     let mut scored = Vec::with_capacity(inputs.len());
-    let order = compared_pictures(inputs.len());
+    let scenes: Vec<&str> = inputs.iter().map(|input| scene_of(&input.name)).collect();
+    let order = compared_pictures(&scenes);
     let others = order.values().flatten().map(|(_, other)| *other);
     let compared: BTreeSet<usize> = order.keys().copied().chain(others).collect();
     for (at, input) in inputs.into_iter().enumerate() {
@@ -192,24 +194,47 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
 /// Warnings about all pairs together, one sentence each. `order` says with which other targets some predictions are
 /// compared.
 fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>>) -> Vec<String> {
-    let changes: Vec<_> = scored
-        .iter()
-        .map(|pair| (pair.name.as_str(), pair.change))
-        .collect();
-    let mut all = agreed_changes(&changes, "given as targets");
-    let mut found = BTreeMap::new();
-    for (at, others) in order {
+    let changed = |pictures: &[usize], extent: Extent| {
+        let pictures = pictures.iter().map(|at| &scored[*at]);
+        let changes: Vec<_> = pictures
+            .map(|pair| (pair.name.as_str(), pair.change))
+            .collect();
+        agreed_changes(&changes, "given as targets", extent)
+    };
+    let shown = |at: usize, others: &[(ShownTarget, usize)]| {
         let small = |at: usize| scored[at].small.as_ref();
         let others = others.iter();
         let others = others.filter_map(|(place, other)| Some((*place, small(*other)?[1].clone())));
-        let shown = small(*at).and_then(|[shown, seen]| shown_target(seen, shown, None, others));
-        if let Some(shown) = shown {
-            *found.entry(shown).or_insert(0) += 1;
+        small(at).and_then(|[shown, seen]| shown_target(seen, shown, None, others))
+    };
+    let compared = order.iter();
+    let compared: BTreeMap<usize, ShownTarget> = compared
+        .filter_map(|(at, others)| Some((*at, shown(*at, others)?)))
+        .collect();
+    let misplaced = |pictures: &[usize], extent: Extent| {
+        let mut found = BTreeMap::new();
+        for shown in pictures.iter().filter_map(|at| compared.get(at)) {
+            *found.entry(*shown).or_insert(0) += 1;
         }
-    }
-    let misplaced = misplaced(&found, "pictures").map(|text| {
-        text + " (or predictions merely repeat the previous or next picture, which looks the same)"
-    });
+        let misplaced = misplaced(&found, "pictures", extent).map(|text| {
+            text + " (or predictions merely repeat the previous or next picture, which looks the same)"
+        });
+        misplaced.into_iter().collect()
+    };
+    let scenes = scenes(scored.iter().map(|pair| scene_of(&pair.name)).zip(0..));
+    let joint = |check: &dyn Fn(&[usize], Extent) -> Vec<String>| {
+        let all: Vec<usize> = (0..scored.len()).collect();
+        let found = check(&all, Extent::Dataset);
+        if !found.is_empty() {
+            return found;
+        }
+        let of_scenes = scenes.iter().flat_map(|(scene, pictures)| {
+            let found = check(pictures, Extent::Scene).into_iter();
+            found.map(|text| in_scene(scene, &text))
+        });
+        of_scenes.collect()
+    };
+    let mut all = [joint(&changed), joint(&misplaced)].concat();
     let pixels: Vec<_> = scored
         .iter()
         .map(|pair| (pair.name.as_str(), pair.pixels))
@@ -247,7 +272,7 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
             100.0 * grey.iter().sum::<f64>() / grey.len() as f64
         )
     });
-    let others = [equal, misplaced, repeated(&pixels), lossy, inverted, soft];
+    let others = [equal, repeated(&pixels), lossy, inverted, soft];
     all.extend(others.into_iter().flatten());
     all
 }

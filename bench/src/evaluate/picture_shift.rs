@@ -1,0 +1,277 @@
+//! Detects pictures that are shifted by half a pixel or more, as by another convention of pixel centres.
+//!
+//! Wrong depths move the content of a picture only along epipolar lines, so only edges along these lines are compared,
+//! which shifts move across them. Their displacements follow from the differences in brightness (Lucas and Kanade 1981)
+//! at full resolution, which is far more exact than the framing of shrunk pictures.
+
+use glam::{DMat2, DVec2, DVec3};
+use image::imageops::grayscale;
+use image::{GrayImage, ImageBuffer, Luma, RgbImage};
+use sharp::camera::Intrinsics;
+
+use super::picture_group::PictureGroup;
+
+/// A shift is reported only if a component is at least this, in pixels. Pixel centres differ by half a pixel.
+const MIN_SHIFT: f64 = 0.35;
+/// A shift is reported only if no component is larger than this, in pixels. The framing check finds larger ones.
+const MAX_SHIFT: f64 = 1.5;
+/// A shift is reported only if at least this many pictures agree on it.
+const MIN_PICTURES: usize = 5;
+/// A shift is reported only if at least this share of the pictures agree on it.
+const MIN_SHARE: f64 = 0.6;
+/// A picture agrees with a shift that explains at least this share of the squared displacements of its edges. Without a
+/// shift, the best one explains 0.02; half a pixel explains about 0.2 for good predictions.
+const MIN_EXPLAINED: f64 = 0.05;
+/// A direction is measured only if at least this share of the evidence is across it.
+const MIN_EVIDENCE: f64 = 0.1;
+/// Edges have at least this gradient, in levels per pixel.
+const MIN_GRADIENT: f64 = 4.0;
+/// An edge runs along an epipolar line if the sine of the angle between its gradient and the normal of the line is at
+/// most this.
+const MAX_SINE: f64 = 0.25;
+/// Edges that seem to have moved by more than this, in pixels, are skipped as other content.
+const MAX_MOVED: f64 = 3.0;
+/// Number of parts across and down that are assumed to have equally wrong depths.
+const BLOCKS: u32 = 12;
+/// A picture is measured only if the mean squared displacement of its edges is at most this, in pixels squared. In poor
+/// predictions, edges are matched with others.
+const MAX_MEAN_SQUARE: f64 = 0.8;
+/// A picture is measured only if it has at least this many edges.
+const MIN_EDGES: u32 = 500;
+
+/// Least squares for a picture's shift, per edge: xx, xy and yy of the normal equations' matrix, x and y of their
+/// right-hand side in pixels, and the squared displacement without a shift.
+pub(super) type ShiftEquations = [f32; 6];
+
+/// Measures the shift of a picture across its epipolar lines; `None` if it has too few edges along them, is too poor, or
+/// has another size than its target's photograph. `intrinsics` are the target's, and `translation` is that of the pose that maps from the
+/// source's camera to the target's.
+pub(super) fn shift_equations(
+    intrinsics: Intrinsics,
+    translation: DVec3,
+    [target, shown]: [&RgbImage; 2],
+) -> Option<ShiftEquations> {
+    if target.dimensions() != shown.dimensions() {
+        return None;
+    }
+    let [target, shown] = [target, shown].map(|of| smoothed(&grayscale(of)));
+    let (width, height) = target.dimensions();
+    let focal = DVec2::new(intrinsics.fx, intrinsics.fy);
+    let middle = DVec2::new(intrinsics.cx, intrinsics.cy);
+    let mut blocks = vec![Block::default(); (BLOCKS * BLOCKS) as usize];
+    let mut edges = 0;
+    for (y, x) in (1..height.saturating_sub(1)).flat_map(|y| (1..width - 1).map(move |x| (y, x))) {
+        let [seen, own] = [&target, &shown].map(|of| {
+            let level = |x: u32, y: u32| f64::from(of.get_pixel(x, y).0[0]);
+            let slopes = [
+                level(x + 1, y) - level(x - 1, y),
+                level(x, y + 1) - level(x, y - 1),
+            ];
+            (level(x, y), DVec2::from(slopes) / 2.0)
+        });
+        let gradient = (seen.1 + own.1) / 2.0;
+        let steepness = gradient.length();
+        if steepness < MIN_GRADIENT {
+            continue;
+        }
+        let from_middle = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - middle;
+        // Another depth moves the content along this direction.
+        let along = focal * translation.truncate() - from_middle * translation.z;
+        let Some(along) = along.try_normalize() else {
+            continue;
+        };
+        let moved = (seen.0 - own.0) / steepness;
+        if gradient.dot(along).abs() <= MAX_SINE * steepness && moved.abs() <= MAX_MOVED {
+            // Across the line, by the gradient's sign.
+            let across = gradient / steepness;
+            let block = y * BLOCKS / height * BLOCKS + x * BLOCKS / width;
+            blocks[block as usize].add(across, across.dot(along), moved);
+            edges += 1;
+        }
+    }
+    let sums = blocks.iter().map(Block::equations).fold([0.0; 6], added);
+    let means = sums.map(|v| v / f64::from(edges.max(1)));
+    (edges >= MIN_EDGES && means[5] <= MAX_MEAN_SQUARE).then(|| means.map(|v| v as f32))
+}
+
+fn added(all: [f64; 6], more: [f64; 6]) -> [f64; 6] {
+    std::array::from_fn(|k| all[k] + more[k])
+}
+
+/// Equations of one part of a picture, in which wrong depths are assumed to move all content alike along the epipolar
+/// lines.
+#[derive(Debug, Clone, Copy, Default)]
+struct Block {
+    /// Columns of the shift's matrix.
+    normal: [DVec2; 2],
+    sum: DVec2,
+    /// Coefficients of the motion along the lines in the equations of the shift.
+    mixed: DVec2,
+    /// Coefficient and right-hand side of the equation of the motion along the lines.
+    own: [f64; 2],
+    squares: f64,
+}
+
+impl Block {
+    /// Adds an edge that was displaced by `moved` pixels in the direction `across` it; `along` is that direction's
+    /// component along the epipolar line.
+    fn add(&mut self, across: DVec2, along: f64, moved: f64) {
+        self.normal[0] += across.x * across;
+        self.normal[1] += across.y * across;
+        self.sum += moved * across;
+        self.mixed += along * across;
+        self.own[0] += along * along;
+        self.own[1] += moved * along;
+        self.squares += moved * moved;
+    }
+
+    /// The least squares for the shift after eliminating the motion along the lines.
+    fn equations(&self) -> [f64; 6] {
+        let [along, moved] = self.own;
+        let along = along.max(1e-9);
+        let share = self.mixed / along;
+        let x = self.normal[0] - share.x * self.mixed;
+        let y = self.normal[1] - share.y * self.mixed;
+        let sum = self.sum - share * moved;
+        let squares = self.squares - moved * moved / along;
+        [x.x, x.y, y.y, sum.x, sum.y, squares]
+    }
+}
+
+/// Levels smoothed over 3 x 3 pixels.
+fn smoothed(of: &GrayImage) -> ImageBuffer<Luma<f32>, Vec<f32>> {
+    let (width, height) = of.dimensions();
+    let mean = |before: f32, own: f32, after: f32| (before + 2.0 * own + after) / 4.0;
+    let rows = ImageBuffer::from_fn(width, height, |x, y| {
+        let level = |x: u32| f32::from(of.get_pixel(x, y).0[0]);
+        let after = level((x + 1).min(width - 1));
+        Luma([mean(level(x.saturating_sub(1)), level(x), after)])
+    });
+    ImageBuffer::from_fn(width, height, |x, y| {
+        let level = |y: u32| -> f32 { rows.get_pixel(x, y).0[0] };
+        let after = level((y + 1).min(height - 1));
+        Luma([mean(level(y.saturating_sub(1)), level(y), after)])
+    })
+}
+
+/// A sentence if the pictures agree on a shift.
+pub(super) fn shifted_pictures(group: &PictureGroup<'_>) -> Option<String> {
+    let measured = group.records.iter().filter_map(|record| record.shift);
+    let measured: Vec<[f64; 6]> = measured.map(|of| of.map(f64::from)).collect();
+    let all = measured.len();
+    let shift = solved(measured.iter().copied().fold([0.0; 6], added));
+    let is_explained = |of: &&[f64; 6]| {
+        let [xx, xy, yy, x, y, squares] = **of;
+        let normal = DMat2::from_cols_array(&[xx, xy, xy, yy]);
+        let explained = shift.dot(2.0 * DVec2::new(x, y) - normal * shift);
+        explained >= MIN_EXPLAINED * squares
+    };
+    let count = measured.iter().filter(is_explained).count();
+    let size = shift.abs().max_element();
+    // Avoids "-0.0".
+    let [x, y] = shift.to_array().map(|v| (10.0 * v).round() / 10.0 + 0.0);
+    let is_found = count >= group.extent.fewest(MIN_PICTURES)
+        && count as f64 >= MIN_SHARE * all as f64
+        && (MIN_SHIFT..=MAX_SHIFT).contains(&size);
+    is_found.then(|| {
+        format!(
+            "its pictures are shifted by about ({x:.1}, {y:.1}) pixels (x to the right, y down) from their targets \
+             ({count} of the {all} compared pairs of {} agree), as with pixel centres at whole numbers instead of halves, \
+             or a resampling that keeps the corners; render them with the dataset's principal point",
+            group.name
+        )
+    })
+}
+
+/// The shift that solves the equations; zero along directions without evidence.
+fn solved([xx, xy, yy, x, y, _]: [f64; 6]) -> DVec2 {
+    // Eigenvalues of the symmetric matrix.
+    let (mean, half) = ((xx + yy) / 2.0, (xx - yy) / 2.0);
+    let radius = half.hypot(xy);
+    let major = DVec2::from_angle(0.5 * xy.atan2(half));
+    let sum = DVec2::new(x, y);
+    let part = |direction: DVec2, eigenvalue: f64| match eigenvalue >= MIN_EVIDENCE * (xx + yy) {
+        true => direction * sum.dot(direction) / eigenvalue,
+        false => DVec2::ZERO,
+    };
+    part(major, mean + radius) + part(major.perp(), mean - radius)
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+    use image::imageops::{fast_blur, sample_bilinear};
+
+    use super::super::picture_motion::tests::{PLANE, camera, pose, view};
+    use super::super::record::Record;
+    use super::super::record::tests::record;
+    use super::*;
+
+    /// What is said of six predictions of the plane `seen_as`, shifted by these pixels, with cameras that move in
+    /// several directions, or as in stereo.
+    fn told(is_stereo: bool, seen_as: DVec3, by: impl Fn(usize) -> [f64; 2]) -> Option<String> {
+        let records: Vec<Record> = (0..6)
+            .map(|k| {
+                let (sin, cos) = (k as f64 + 0.3).sin_cos();
+                let own = match is_stereo {
+                    true => pose(0.0, [-0.1 - 0.01 * k as f64, 0.0, 0.0]),
+                    false => pose(0.02 * sin, [0.12 * cos, 0.12 * sin, 0.02]),
+                };
+                let target = view(camera(80.0), own, PLANE);
+                let shown = fast_blur(&view(camera(80.0), own, seen_as), 0.5);
+                let (size, [x, y]) = (DVec2::new(160.0, 120.0), by(k));
+                let shown = RgbImage::from_fn(160, 120, |u, v| {
+                    let place = DVec2::new(f64::from(u) + 0.5 - x, f64::from(v) + 0.5 - y) / size;
+                    sample_bilinear(&shown, place.x as f32, place.y as f32).unwrap_or(Rgb([0; 3]))
+                });
+                let both = [&target, &shown];
+                Record {
+                    shift: shift_equations(camera(80.0), own.translation, both),
+                    status: super::super::record::Status::Ok,
+                    ..record()
+                }
+            })
+            .collect();
+        shifted_pictures(&PictureGroup::of(&records))
+    }
+
+    const NEAR_PLANE: DVec3 = DVec3::new(0.09, 0.28, 0.4);
+
+    #[test]
+    fn shifts_of_half_a_pixel_are_told() {
+        for plane in [PLANE, NEAR_PLANE] {
+            for by in [[0.5, 0.5], [-0.5, 0.5], [0.0, -1.0]] {
+                let told = told(false, plane, |_| by).unwrap_or_else(|| panic!("{by:?}"));
+                let (_, numbers) = told.split_once('(').unwrap();
+                let (numbers, _) = numbers.split_once(')').unwrap();
+                let found = numbers.split(", ").map(|v| v.parse::<f64>().unwrap());
+                let off = found.zip(by).map(|(found, by)| (found - by).abs());
+                assert!(off.fold(0.0, f64::max) < 0.16, "{by:?}: {told}");
+            }
+        }
+        // Along the lines, a shift cannot be distinguished from wrong depth.
+        assert!(
+            told(true, PLANE, |_| [0.5, 0.5])
+                .unwrap()
+                .contains("(0.0, 0.5)")
+        );
+    }
+
+    #[test]
+    fn proper_pictures_and_shifts_along_the_lines_are_not() {
+        for is_stereo in [false, true] {
+            for plane in [
+                PLANE,
+                NEAR_PLANE,
+                DVec3::new(0.06, 0.12, 0.4),
+                DVec3::new(-0.2, 0.5, 0.4),
+            ] {
+                assert_eq!(told(is_stereo, plane, |_| [0.0; 2]), None);
+                let alternating = |k: usize| [0.0, if k.is_multiple_of(2) { 0.6 } else { -0.6 }];
+                assert_eq!(told(is_stereo, plane, alternating), None);
+                assert_eq!(told(is_stereo, plane, |_| [0.1, 0.2]), None);
+            }
+        }
+        assert_eq!(told(true, PLANE, |_| [0.8, 0.0]), None);
+    }
+}
