@@ -48,7 +48,7 @@ pub(super) struct CompareArgs {
     /// Also show means by scene, baseline, rotation, overlap and relative motion
     #[arg(long)]
     breakdown: bool,
-    /// Also list the pairs on which two of the compared methods changed their order
+    /// Also list the pairs on which two of the compared methods swap places: one scores better in A, the other in B
     #[arg(long)]
     flips: bool,
     /// Also show the error by kind of pixel: visible in the source, hidden, outside, or near a depth edge. Needs both

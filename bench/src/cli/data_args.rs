@@ -29,7 +29,7 @@ impl DatasetArgs {
     }
 }
 
-/// Prints which scenes were left out, and what the readers assumed.
+/// Prints which scenes were left out, and the readers' notes on what they assumed.
 pub(super) fn say_what_was_opened(datasets: &[OpenDataset]) {
     for dataset in datasets {
         for group in &dataset.left_out {

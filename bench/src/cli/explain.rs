@@ -19,11 +19,12 @@ use crate::scoring::Scoring;
 
 /// Explain why a number differs from the published one
 ///
-/// Scores a run's kept predictions under every reading of the protocol that needs no new prediction: variants of the
-/// metrics; masks; rounding or truncation to 8 bits, or neither; colour divided by alpha; cropped borders; averaging
-/// rules; only the first of several scenes of the same place. Each cell of the paper's row gets a verdict: equal after
-/// rounding, ambiguous (the candidates are listed), or inside or outside the protocol's spread. Readings that need
-/// other pairs or pictures are listed as not computed.
+/// Rescores a run's kept predictions under every interpretation of the protocol that needs no new prediction.
+/// Interpretations differ in: the variants of the metrics; masks; conversion to 8 bits (rounded, truncated or none);
+/// division of colours by alpha; cropping of borders; the averaging rule; and whether only the first of several scenes
+/// of one place counts. Each cell of the paper's row gets a verdict: equal after rounding, ambiguous (the candidates
+/// are listed), or inside or outside the range of the interpretations. Those that need other pairs or pictures are
+/// listed as not computed.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -57,9 +57,9 @@ enum FigureCommand {
     },
     /// Histograms of the camera baselines, one panel per dataset
     Baselines(RunsArgs),
-    /// DISTS against the camera baseline, of methods without the source's true depth
+    /// DISTS against the camera baseline, for methods that do not use the source's true depth
     Motion(RunsArgs),
-    /// DISTS against the camera baseline, of methods with the source's true depth or its scale
+    /// DISTS against the camera baseline, for methods that use the source's true depth or its scale
     MotionPrivileged(RunsArgs),
     /// A metric against seconds per pair, on a logarithmic axis
     FidelityTime {
@@ -287,7 +287,7 @@ fn of_depth(args: &UncertaintyArgs) -> anyhow::Result<Outcome> {
     write_sheet(&sheet, "uncertainty", &args.out, &style).map(Outcome::of_problems)
 }
 
-/// Writes a sheet and prints its problems; true if it has any.
+/// Writes a sheet and prints the problems found in it; true if there are any.
 fn write_sheet(
     sheet: &Sheet,
     stem: &str,

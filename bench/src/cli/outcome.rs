@@ -28,8 +28,8 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
-    /// Replaces `Done` by `RecordedFailures` if results lack scenes or views of the datasets
-    /// because they are broken or incomplete.
+    /// Replaces `Done` by `RecordedFailures` if scenes or views are missing from the results because their files are
+    /// broken or incomplete.
     pub(super) fn with_scenes_of(self, datasets: &[OpenDataset]) -> Self {
         let broken = datasets
             .iter()

@@ -63,7 +63,7 @@ impl OverlapConfig {
     }
 }
 
-/// Pairs: a list, or the choices that build one.
+/// The pairs to evaluate: either an existing list, or options for building one.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct PairConfig {
@@ -86,10 +86,10 @@ pub struct PairConfig {
 }
 
 impl PairConfig {
-    /// The origin of the pairs: a list, or a recipe that builds one.
+    /// Where the pairs are taken from: an existing list, or a recipe that builds one.
     ///
-    /// # Errors
-    /// If both a list and options that build one are given, or the recipe lacks a file.
+    /// # Errors If options for building a list are given together with a list, or a file that the recipe needs is
+    /// missing.
     pub fn origin(&self) -> Result<PairOrigin, ConfigError> {
         let overlap = &self.overlap;
         let builds = [

@@ -98,13 +98,13 @@ pub enum Keep {
     None,
 }
 
-/// Parses a spec for clap. The error omits the spec, because clap quotes it.
+/// Parses a method spec for clap. The error does not repeat the spec, because clap quotes it.
 fn clap_method(text: &str) -> Result<MethodSpec, String> {
     text.parse().map_err(|error: SpecError| error.reason())
 }
 
 impl RunConfig {
-    /// The first method that starts a program.
+    /// The first method that starts an external program (kind `command`).
     pub(crate) fn program(&self) -> Option<&MethodSpec> {
         let mut methods = self.methods.iter();
         methods.find(|method| method.kind == "command")
@@ -183,7 +183,7 @@ impl RunConfig {
         Ok(keys)
     }
 
-    /// This configuration, with each option that is set in `over` replaced.
+    /// This configuration, with each option that `over` sets replaced by the value in `over`.
     ///
     /// # Errors
     /// If the combination is not a valid configuration.
@@ -210,7 +210,7 @@ impl RunConfig {
         backend(&given, self.adapter.as_deref())
     }
 
-    /// Resolves relative paths against `folder`, which also becomes the working directory of programs.
+    /// Resolves relative paths against `folder` and makes it the working directory of programs that methods start.
     #[must_use]
     pub fn rooted(mut self, folder: &Path) -> Self {
         let root = |path: &mut PathBuf| *path = folder.join(&path);

@@ -108,8 +108,8 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Runs `predict` for each photograph and its output, and prints the results if JSON is wanted. `were_what` is the
-/// subject of the error if all of several photographs fail.
+/// Runs `predict` for each photograph and its output, and prints the results as JSON if requested. `were_what` starts
+/// the error that says that every photograph failed, for example "Gaussians were".
 pub(super) fn for_each(
     args: &PredictArgs,
     outputs: &[PathBuf],

@@ -55,7 +55,7 @@ pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The backbones and other releases that a list of names stands for, each once.
+/// Resolves a list of names to backbones and other releases, each listed once.
 fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, Vec<Release>)> {
     let mut backbones = BTreeSet::new();
     let mut releases = vec![Release::official(), Release::resnet50dilated()];

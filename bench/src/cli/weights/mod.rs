@@ -45,9 +45,9 @@ enum WeightsCommand {
     Fetch(fetch::FetchArgs),
     /// Show the contents of a file: modules, parameters, non-finite values
     ///
-    /// With --config (or for a file that looks like SHARP's), the file must have the tensors that the network uses, with
-    /// the same shapes, and no unknown ones. Without --config, that network is the one of a .json
-    /// next to the file if it fits, or else the release's.
+    /// A file that looks like SHARP's, or any file with --config, is compared with a network: the file must have the
+    /// tensors that the network uses, with the same shapes, and no unknown ones. Without --config, the network is that
+    /// of a fitting .json next to the file, or else the release's.
     Check {
         /// The file: .pt, .pth (zip or older) or .safetensors
         file: PathBuf,
