@@ -164,7 +164,7 @@ pub const KINDS: [MethodKind; 8] = [
             ("scale=S", "unit of the file in metres"),
             (
                 "transform=FILE.json",
-                "nerfstudio's dataparser_transforms.json, which is undone, or a matrix of 4 rows from the file to space=",
+                "nerfstudio's dataparser_transforms.json, whose effect is undone, or a matrix of 4 rows that maps the file's coordinates to space=",
             ),
             (
                 "shift=X:Y",
@@ -255,8 +255,10 @@ pub const KINDS: [MethodKind; 8] = [
 /// A method with its spec; `None` for a method passed in as code.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the methods, whose labels must be unique. Scores with `align=pose` mean little alone, so each such method is
-/// also added without it, unless that is listed already. `chooser` picks the scale for methods that predict several.
+/// Builds the methods; their labels must be unique. `chooser` picks the scale for methods that predict several.
+///
+/// Scores with `align=pose` say little without a comparison. Each such method is therefore also evaluated without it,
+/// even if that is not requested.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,

@@ -40,8 +40,8 @@ impl Privilege {
         }
     }
 
-    /// One phrase per privilege. The use of true depth itself has no phrase, because the descriptions of methods that
-    /// use it say so.
+    /// One phrase per privilege. Methods that see the true depth itself have no phrase here, because their descriptions
+    /// mention it.
     pub fn phrases(self) -> impl Iterator<Item = &'static str> {
         let scale = self.depth == TrueDepth::DepthScale;
         [

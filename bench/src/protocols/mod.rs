@@ -175,7 +175,7 @@ impl Protocol {
         }
     }
 
-    /// Sets a dataset to the protocol's size, and to its background unless the dataset sets one.
+    /// Gives a dataset the protocol's picture size, and the protocol's background if the dataset does not set one.
     fn show(&self, dataset: &mut DatasetConfig) -> Result<(), ConfigError> {
         let own = dataset.frame;
         let of_protocol = self

@@ -61,7 +61,8 @@ impl GroundTruth {
         share(&*region.crop_mask(self.valid.as_ref()?)?)
     }
 
-    /// Memory that [`score`](Self::score) needs to copy a prediction, bytes: a crop, and floats if pixels are excluded.
+    /// Memory that [`score`](Self::score) needs for copies of a prediction, in bytes: a cropped copy, and a copy in
+    /// floats if pixels are excluded.
     pub(crate) fn copied_bytes(&self) -> u64 {
         let pixels = u64::from(self.image.width()) * u64::from(self.image.height());
         pixels
