@@ -96,8 +96,8 @@ impl Current {
         })
     }
 
-    /// Checks that the pair list and the plan have lost no rows since the manifest was written, and that the list
-    /// agrees with the units.
+    /// Checks that no rows have been removed from the pair list and the plan since the manifest was written, and that
+    /// the list agrees with the units.
     fn check_list(&self, folder: &RunFolder, list: &PairList) -> Result<(), EvaluateError> {
         let said = &self.manifest.pairs;
         check_rows(folder, said, &folder.plan()?, list)?;
@@ -159,7 +159,7 @@ impl Current {
     }
 }
 
-/// Checks that the pair list and the plan have lost no rows since the manifest was written.
+/// Checks that no rows have been removed from the pair list and the plan since the manifest was written.
 pub(super) fn check_rows(
     folder: &RunFolder,
     said: &PairsRecord,
@@ -210,7 +210,7 @@ impl Results {
     /// Reads a folder, even that of an unfinished run.
     ///
     /// # Errors
-    /// If it is not a run folder, has another format, or its pair list or plan has lost pairs.
+    /// If it is not a run folder, has another format, or pairs have been removed from its pair list or plan.
     pub(super) fn of_folder(root: &Path) -> Result<Self, EvaluateError> {
         let folder = RunFolder::open(root)?;
         let current = Current::read(&folder)?;
