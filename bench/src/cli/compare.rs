@@ -55,8 +55,8 @@ pub(super) struct CompareArgs {
     /// runs' kept pictures and datasets with depth
     #[arg(long)]
     anatomy: bool,
-    /// A backbone's weights for --anatomy, NAME=FILE; needed if the runs used weights that differ from those found on
-    /// this machine
+    /// Weights file of a network behind LPIPS, for --anatomy: NAME=FILE. Needed if the runs used other weights than
+    /// those found on this machine; repeatable
     #[arg(long, value_name = "NAME=FILE", requires = "anatomy")]
     weights: Vec<String>,
     /// Write Markdown, CSV and a page with pictures of the most changed pairs into this folder

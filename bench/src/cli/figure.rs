@@ -32,8 +32,9 @@ const PROBLEMS: usize = 10;
 
 /// Make a figure of the paper from runs, in print quality
 ///
-/// Plots and sheets of pictures become SVG, PNG and PDF. --style FILE.toml sets width_mm (84, a column of a two-column
-/// paper; 174 is the whole page), font_pt (8), dpi (300), panel_aspect (0.62), caption (true) and colours.
+/// Plots and sheets of pictures become SVG, PNG and PDF. --style FILE.toml sets width_mm (default 84, one column of a
+/// two-column paper; 174 is the whole page), font_pt (default 8), dpi (300), panel_aspect (0.62), caption (true) and
+/// colours.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -60,7 +60,7 @@ pub(super) struct SweepArgs {
     /// Report the motion beyond which each method is worse than METHOD, over the pairs with scores of both
     #[arg(long, value_name = "METHOD")]
     against: Option<String>,
-    /// Sizes and colours of the figures, a TOML file: width_mm, font_pt, dpi, panel_aspect, caption, colours
+    /// A TOML file with the figures' sizes and colours: width_mm, font_pt, dpi, panel_aspect, caption, colours
     #[arg(long, value_name = "FILE")]
     style: Option<PathBuf>,
     /// Print the list of written files, and the crossings, as JSON

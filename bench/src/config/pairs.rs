@@ -12,9 +12,8 @@ use crate::pairs::{OverlapCache, PairOptions, PairOrigin, PairRecipe, SceneCheck
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct OverlapConfig {
-    /// Your own depth maps, which determine overlap:
-    /// `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`; scaled to the dataset's depth by the
-    /// median of ratios (overlap=given)
+    /// Your own depth maps, by which overlap is measured: `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`. They are
+    /// scaled to the dataset's depth by the median of ratios (overlap=given)
     #[arg(long, value_name = "DIR")]
     pub overlap_depth: Option<PathBuf>,
     /// Checkpoint for overlap=sharp-release (mini: the bundled network) or overlap=depth-pro [default: the release

@@ -29,7 +29,7 @@ pub struct RunConfig {
     #[arg(long = "dataset", value_name = "SPEC", value_parser = clap_dataset)]
     #[serde(rename = "dataset")]
     pub datasets: Vec<DatasetConfig>,
-    /// Only scenes whose id matches; `*` and `?` are wildcards
+    /// Only scenes whose id matches this pattern; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB")]
     pub scenes: Option<String>,
     /// A method, `KIND[:key=value,…]`; repeatable
@@ -41,6 +41,7 @@ pub struct RunConfig {
     pub metrics: MetricConfig,
     /// Follow a published evaluation's rules for pairs, size, metrics, masks, rounding and averages (`sharp-bench
     /// protocols` lists the evaluations). Conflicting options are an error; the report states where the run differs
+    /// from the original
     #[arg(long, value_name = "NAME")]
     pub protocol: Option<String>,
     #[command(flatten)]
@@ -60,7 +61,7 @@ pub struct RunConfig {
     /// Which predicted pictures to keep [default: all]
     #[arg(long, value_enum)]
     pub keep: Option<Keep>,
-    /// Keep predicted Gaussians; rendering other targets, or with another renderer, then needs no new prediction
+    /// Keep predicted Gaussians. Other targets, or pictures by another renderer, then need no new prediction
     #[arg(long)]
     pub keep_gaussians: bool,
     /// The renderer: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). A run uses a single

@@ -83,7 +83,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "depth=none|privileged",
-                "privileged: scale the prediction by the median of true over predicted depth",
+                "privileged: scale the prediction by the median ratio of true to predicted depth",
             ),
             (
                 "device=cpu|candle-cpu|cuda|metal|auto",
@@ -119,7 +119,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "depth=none|privileged",
-                "privileged: scale the Gaussians by the median of true over rendered depth",
+                "privileged: scale the Gaussians by the median ratio of true to rendered depth",
             ),
             (
                 "color_space=linear|srgb",
@@ -197,7 +197,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "resize=bilinear|bilinear-antialias|bicubic|lanczos|area",
-                "how to resize pictures of another size; otherwise an error",
+                "kernel for resizing pictures of another size, which are an error without it",
             ),
             (
                 "crop=x:y:w:h|center:W:H|center|sidecar",
@@ -209,7 +209,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "scales=0.5+1+2",
-                "read DIR/<scale>/<pair_id>.png for each scale; with --scale-sweep",
+                "read DIR/<scale>/<pair_id>.png for each scale; needs --scale-sweep",
             ),
         ],
         build: |spec, chooser| swept(spec, chooser, Imported::from_spec(spec)?),
@@ -241,7 +241,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "scales=0.5+1+2",
-                "request each pair once per scale, which the request states; with --scale-sweep",
+                "request each pair once per scale, with the scale in the request; needs --scale-sweep",
             ),
             (
                 "resize=…, crop=x:y:w:h|center:W:H, alpha=…, color=…, orientation=…, exr=…",

@@ -21,8 +21,8 @@ pub(super) struct DatasetsArgs {
 
 #[derive(Debug, Subcommand)]
 enum DatasetsCommand {
-    /// Describe each dataset: official page, terms, downloads, layout, and named interpretations of
-    /// the paper
+    /// Describe each dataset: official page, terms, downloads, layout, and the settings that stand for different
+    /// interpretations of the paper
     ///
     /// With --needed-for, lists exactly the files that the selected pairs of a list need; with --dataset too, checks
     /// that they exist (exit code 4 if some do not).

@@ -51,7 +51,7 @@ pub(crate) struct PredictArgs {
     pub(super) model: ModelArgs,
     #[command(flatten)]
     pub(super) photo: PhotoArgs,
-    /// A .ply file, or a folder, which several photographs need; with --depth-only, an .exr or .png file instead of .ply
+    /// A .ply file, or a folder for several photographs; with --depth-only, .exr or .png instead of .ply
     #[arg(long, value_name = "FILE_OR_DIR")]
     pub(super) out: PathBuf,
     /// Omit the PLY elements that the release adds and some viewers cannot read

@@ -60,8 +60,8 @@ pub(super) struct RenderArgs {
     /// Output: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
     #[arg(long, value_name = "OUT", required_unless_present = "viewer")]
     out: Option<PathBuf>,
-    /// Write a self-contained page that renders the Gaussians in a browser (WebGPU), from the views
-    /// of this command or any other
+    /// Write a self-contained page that renders the Gaussians in a browser (WebGPU). The page has this command's views,
+    /// and can show any other view
     #[arg(long, value_name = "OUT.html")]
     viewer: Option<PathBuf>,
     /// The renderer: cpu, wgpu (a GPU through Vulkan, Metal or Direct3D 12), or auto (the first hardware adapter, else

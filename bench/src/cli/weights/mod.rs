@@ -37,11 +37,11 @@ enum WeightsCommand {
     },
     /// Fetch published weights into the cache: resumes interrupted transfers, checks size and hash
     ///
-    /// Of a backbone, only the feature layers are kept. No hash of SHARP's checkpoint is published, so
-    /// the checkpoint's size and sha256 are recorded at the first use and compared from then on; a
-    /// file in the release's own cache folder is used in place. Proxies are read from the usual
-    /// environment variables. If SHARP_BENCH_MIRROR is set to an address, files are fetched from that
-    /// address under their publishers' file names.
+    /// Of the networks of LPIPS and DISTS, only the feature layers are kept. No hash of SHARP's checkpoint is
+    /// published, so its size and sha256 are recorded at the first use, and later uses are compared with this record. A
+    /// checkpoint in the release's own cache folder is used in place. Proxies are read from the usual environment
+    /// variables. If SHARP_BENCH_MIRROR is set to an address, files are fetched from that address under their
+    /// publishers' file names.
     Fetch(fetch::FetchArgs),
     /// Show the contents of a file: modules, parameters, non-finite values
     ///
