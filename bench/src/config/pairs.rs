@@ -87,8 +87,8 @@ pub struct PairConfig {
 impl PairConfig {
     /// Where the pairs are taken from: an existing list, or a recipe that builds one.
     ///
-    /// # Errors If options for building a list are given together with a list, or a file that the recipe needs is
-    /// missing.
+    /// # Errors
+    /// If options for building a list are given together with a list, or a file that the recipe needs is missing.
     pub fn origin(&self) -> Result<PairOrigin, ConfigError> {
         let overlap = &self.overlap;
         let builds = [

@@ -106,8 +106,9 @@ struct UnitLine {
 /// Writes the results of a run folder or another bundle to the file `out`. Prediction times are included only if
 /// `with_times`.
 ///
-/// # Errors If the run cannot be read or the file cannot be written. An existing file is overwritten only if it is a
-/// bundle that is not an entry of a history (has no [`Occasion`]).
+/// # Errors
+/// If the run cannot be read or the file cannot be written. An existing file is overwritten only if it is a bundle that
+/// is not an entry of a history (has no [`Occasion`]).
 pub fn write_bundle(run: &Path, out: &Path, with_times: bool) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {
@@ -133,8 +134,9 @@ pub fn write_bundle(run: &Path, out: &Path, with_times: bool) -> Result<Results,
 impl Results {
     /// Reads a bundle or a folder, even that of an unfinished run.
     ///
-    /// # Errors If `run` is neither a run folder nor a bundle, if its format is not supported, or if evaluated pairs
-    /// have been removed from its pair list or plan.
+    /// # Errors
+    /// If `run` is neither a run folder nor a bundle, if its format is not supported, or if evaluated pairs have been
+    /// removed from its pair list or plan.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         match run.exists() && !run.is_dir() {
             true => Ok(read_file(run)?.results),

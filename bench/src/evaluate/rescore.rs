@@ -83,8 +83,8 @@ pub fn rescore(
 /// Like [`rescore`], for one shard of a plan, concurrently with other shards. Needs the datasets but no method. Writes
 /// units, but neither manifest nor tables.
 ///
-/// # Errors If the metrics, or the device or code that computes them, differ from the plan's; also the errors of
-/// [`rescore`].
+/// # Errors
+/// If the metrics, or the device or code that computes them, differ from the plan's; also the errors of [`rescore`].
 pub fn score_shard(
     root: &Path,
     scoring: &Scoring,

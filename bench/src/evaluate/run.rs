@@ -94,8 +94,9 @@ impl Evaluation {
 
     /// Writes the plan of a run for shards, with its estimated cost.
     ///
-    /// # Errors If the folder has another run, or the evaluation needs all units at once (`--common-region`); also the
-    /// errors of [`Self::estimate`].
+    /// # Errors
+    /// If the folder has another run, or the evaluation needs all units at once (`--common-region`); also the errors of
+    /// [`Self::estimate`].
     pub fn plan(
         &self,
         out: &Path,
@@ -158,8 +159,9 @@ impl Evaluation {
     /// Executes a shard of a folder's plan, concurrently with other shards. Writes units, but neither manifest nor
     /// tables.
     ///
-    /// # Errors If the evaluation, its input files, the machine, or the code differs from those of the plan; also the
-    /// errors of [`Self::run`].
+    /// # Errors
+    /// If the evaluation, its input files, the machine, or the code differs from those of the plan; also the errors of
+    /// [`Self::run`].
     pub fn run_shard(
         &self,
         root: &Path,

@@ -306,7 +306,8 @@ pub trait Method: Send + Sync {
 
     /// Checks before the first prediction whether the method's files for these pairs exist.
     ///
-    /// # Errors If no file is at its expected place, but some are elsewhere; the error names that place.
+    /// # Errors
+    /// If no file is at its expected place, but some are elsewhere; the error names that place.
     fn check_files(&self, _pair_ids: &BTreeSet<String>) -> Result<(), String> {
         Ok(())
     }

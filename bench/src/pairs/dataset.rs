@@ -85,7 +85,8 @@ impl OpenDataset {
 
     /// Opens a dataset with the settings that a run recorded, even if a default has changed since.
     ///
-    /// # Errors Those of [`Self::open_all`]. Unlike there, it is not an error if no scene matches.
+    /// # Errors
+    /// Those of [`Self::open_all`]. Unlike there, it is not an error if no scene matches.
     pub fn open_recorded(
         config: &DatasetConfig,
         recorded: &[DatasetReading],

@@ -36,8 +36,9 @@ impl PairName {
 
     /// Decodes an id.
     ///
-    /// # Errors [`PairError::PairId`] if the text is not exactly what [`Self::encode`] writes. A pair therefore has
-    /// only one valid id.
+    /// # Errors
+    /// [`PairError::PairId`] if the text is not exactly what [`Self::encode`] writes. A pair therefore has only one
+    /// valid id.
     pub fn decode(id: &str) -> Result<Self, PairError> {
         let wrong = |reason: &str| PairError::PairId {
             text: id.to_owned(),

@@ -65,7 +65,8 @@ pub enum NetworkError {
 /// official checkpoint is searched for. The configuration is `config` (`FILE.json#NAME`) if given, otherwise that of a
 /// fitting `.json` next to the file, otherwise the release's.
 ///
-/// # Errors [`NetworkError`] if no checkpoint is found, if the file or its configuration cannot be read, or if several
+/// # Errors
+/// [`NetworkError`] if no checkpoint is found, if the file or its configuration cannot be read, or if several
 /// configurations fit.
 pub fn named_network(
     checkpoint: Option<&Path>,

@@ -37,9 +37,10 @@ enum Opened {
 
 impl PredictedDepth {
     /// Creates a source from a checkpoint; its weights are loaded on first use.
-    /// # Errors If the checkpoint cannot be read, or Depth Pro was requested and the checkpoint is of another network.
-    /// Whether a checkpoint is SHARP's is not checked here, because
-    /// [`named_network`](crate::io::checkpoint::named_network) does so when it finds the configuration.
+    /// # Errors
+    /// If the checkpoint cannot be read, or Depth Pro was requested and the checkpoint is of another network. Whether a
+    /// checkpoint is SHARP's is not checked here, because [`named_network`](crate::io::checkpoint::named_network) does
+    /// so when it finds the configuration.
     pub fn new(network: NetworkSpec, kind: DepthNetwork) -> Result<Self, PairError> {
         let source = Self {
             checkpoint_sha256: file_sha256(&network.checkpoint)?,

@@ -131,8 +131,9 @@ impl ForeignList {
     /// of the id after a `/`. Repeated pairs are added once. All pairs are selected; their overlaps and depths are not
     /// measured.
     ///
-    /// # Errors [`PairError::List`] if a listed view is missing from its scene, a scene of the list matches several
-    /// scenes, or no pairs are left.
+    /// # Errors
+    /// [`PairError::List`] if a listed view is missing from its scene, a scene of the list matches several scenes, or
+    /// no pairs are left.
     pub fn import(
         &self,
         context: Context,
