@@ -69,8 +69,8 @@ enum FigureCommand {
         /// A metric of the runs
         #[arg(long, default_value_t = MetricKey::DISTS)]
         metric: MetricKey,
-        /// An output folder of `speed`, or a speed.csv; the times measured there replace those of the
-        /// run, for the same methods and datasets
+        /// An output folder of `speed`, or its speed.csv. For the methods and datasets in it, these times replace those
+        /// recorded in the run
         #[arg(long, value_name = "PATH")]
         speed: Option<PathBuf>,
     },

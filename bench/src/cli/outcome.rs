@@ -28,7 +28,7 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
-    /// Replaces `Done` by `RecordedFailures` if scenes or views are missing from the results because their files are
+    /// Replaces `Done` with `RecordedFailures` if scenes or views are missing from the results because their files are
     /// broken or incomplete.
     pub(super) fn with_scenes_of(self, datasets: &[OpenDataset]) -> Self {
         let broken = datasets
@@ -37,7 +37,7 @@ impl Outcome {
         self.or(Self::of_problems(broken))
     }
 
-    /// Replaces `Done` by `other`.
+    /// Replaces `Done` with `other`.
     pub(super) fn or(self, other: Self) -> Self {
         if self == Self::Done { other } else { self }
     }

@@ -3,10 +3,10 @@
 //! A ZIP archive of these members:
 //!
 //! * `bundle.json`: version and digest.
-//! * `manifest.json`.
+//! * `manifest.json`: as in the run folder.
 //! * `pairs.csv`: only the evaluated pairs.
 //! * `units.jsonl`: the status of each unit.
-//! * `missing.json`.
+//! * `missing.json`: planned units without a result.
 //! * `scores.bin`: one column of f64 numbers per metric of the manifest. A column starts with the first bytes of all
 //!   its numbers (big endian), followed by all second bytes, and so on, because this compresses better than number by
 //!   number.

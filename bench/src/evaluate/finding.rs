@@ -341,7 +341,7 @@ impl Framing {
     }
 
     /// Whether this measurement is compatible with the framing `other`. The shift of `other` must have both components;
-    /// that of the measurement may lack the one along the epipolar lines.
+    /// the measurement's own shift may lack the component along its epipolar lines.
     pub fn is_like(self, other: Self) -> bool {
         let near = |a: i16, b: i16, most: i16| (a - b).abs() <= most;
         let [zoom, roll, shift] = Self::UNEVEN;

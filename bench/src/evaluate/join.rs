@@ -61,7 +61,7 @@ pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
     join_under(folders, None)
 }
 
-/// Like [`join`], but if `aggregation` is given, averages all results by `aggregation`.
+/// Like [`join`], but if `aggregation` is given, all results are averaged by it, whatever rule the runs used.
 ///
 /// # Errors
 /// Those of [`join`].

@@ -81,7 +81,8 @@ pub struct Estimate {
     /// All stages together. Disk space is that of the finished run folder.
     #[serde(flatten)]
     pub total: StageCost,
-    /// Predicting Gaussians and pictures. Disk space is that of the files passed on if stages run separately.
+    /// Predicting Gaussians and pictures. Disk space is that of the files passed on to the next stage, if stages run
+    /// separately.
     pub predict: StageCost,
     pub render: StageCost,
     pub score: StageCost,

@@ -255,7 +255,7 @@ impl Results {
         })
     }
 
-    /// Replaces the labels of methods by those that `renamed` returns.
+    /// Replaces the labels of methods with those that `renamed` returns.
     pub(super) fn relabel(&mut self, renamed: impl Fn(&str) -> String) {
         for record in &mut self.records {
             record.method = renamed(&record.method);

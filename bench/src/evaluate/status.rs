@@ -93,8 +93,8 @@ impl RunProgress {
     }
 }
 
-/// Of `count` shards, the numbers (from 1) of those with units that have no result. With `retry_failed`, shards with
-/// failed units are included.
+/// The numbers (from 1) of those of `count` shards that have a unit without a result. With `retry_failed`, also of
+/// shards that have a failed unit.
 ///
 /// # Errors
 /// Those of [`RunProgress::read`]; also if `count` is out of range.

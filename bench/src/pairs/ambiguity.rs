@@ -213,7 +213,7 @@ fn counts(build: &PairBuild, base: &BTreeSet<&str>) -> BTreeMap<String, Count> {
 /// files outside the folder, and what to do if a picture's size differs from its camera's.
 const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
 
-/// Each dataset under every alternative setting of its reader. If its files cannot be opened under a setting, the
+/// Reads each dataset under every alternative setting of its reader. If its files cannot be opened under a setting, the
 /// reason is kept.
 pub fn other_readings(
     datasets: &[OpenDataset],

@@ -140,7 +140,7 @@ impl PairRecipe {
         Ok(recipe)
     }
 
-    /// Replaces [`OverlapDepth::Auto`] by the source of depth that it stands for.
+    /// Replaces [`OverlapDepth::Auto`] with the source of depth that it stands for.
     fn resolve(&mut self, paper: PaperOverlap) {
         self.overlap_checkpoint = match paper {
             PaperOverlap::Sparse => find_depth_pro(),

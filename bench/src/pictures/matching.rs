@@ -64,7 +64,7 @@ pub struct Match {
 /// some archives).
 ///
 /// # Errors
-/// [`MatchError`] unless every picture of either folder has exactly one counterpart.
+/// [`MatchError`] if a picture of either folder has no counterpart in the other, or several.
 pub fn match_folders(
     predictions: &Path,
     targets: &Path,

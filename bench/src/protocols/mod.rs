@@ -33,9 +33,11 @@ pub struct Protocol {
     /// Repository and commit, or the paper.
     pub source: String,
     pub pairs: PairRule,
-    /// Size at which pictures are predicted and compared, as a dataset's `frame=`; `None` for the dataset's size.
+    /// Size at which pictures are predicted and compared, in the form of a dataset's `frame=` setting; `None` for the
+    /// dataset's own size.
     pub frame: Option<String>,
-    /// Background for pictures that are not opaque, as a dataset's `alpha=`; `None` if the protocol's data is opaque.
+    /// Background for pictures that are not opaque, in the form of a dataset's `alpha=` setting; `None` if the
+    /// protocol's data is opaque.
     pub alpha: Option<String>,
     pub border: Border,
     pub quantised: Quantised,

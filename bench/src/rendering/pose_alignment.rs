@@ -1,7 +1,7 @@
 //! Moves a target's camera until the rendering fits its photograph, as done in evaluations of
 //! methods without known poses (NoPoSplat, AnySplat).
 //!
-//! The initial camera is the one whose small rendering, shifted, comes closest to the photograph. Gauss-Newton steps
+//! First, the camera is turned by the shift that brings a small rendering closest to the photograph. Gauss-Newton steps
 //! with Levenberg's damping then reduce the squared difference of sRGB values over the covered pixels, at increasing
 //! picture sizes. Derivatives are central differences of renderings, so they work with every rule and both renderers.
 

@@ -263,7 +263,7 @@ fn mean_colour(picture: &Picture, valid: &Mask) -> Option<[f32; 3]> {
     (count > 0).then(|| sum.map(|sum: f64| (sum / count as f64) as f32))
 }
 
-/// Replaces all pixels outside `valid` by one colour.
+/// Fills all pixels outside `valid` with one colour.
 fn filled(picture: &Picture, valid: &Mask, colour: [f32; 3]) -> Picture {
     let (width, height) = picture.dimensions();
     Picture::RgbF32(Rgb32FImage::from_fn(width, height, |x, y| {
@@ -276,7 +276,7 @@ fn filled(picture: &Picture, valid: &Mask, colour: [f32; 3]) -> Picture {
     }))
 }
 
-/// Replaces PSNR by its value over the valid pixels.
+/// Replaces PSNR with its value over the valid pixels.
 fn over_valid(
     key: MetricKey,
     score: &mut Result<f64, Unavailable>,

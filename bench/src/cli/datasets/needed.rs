@@ -162,8 +162,8 @@ fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     views.collect()
 }
 
-/// Replaces ScanNet++'s list files by the one for the requested split. `None` if the split is the whole dataset, which
-/// needs no list.
+/// Replaces ScanNet++'s list files with the one for the requested split. `None` if the split is the whole dataset,
+/// which needs no list.
 fn of_split(mut file: RequiredFile, split: Option<&str>) -> Option<RequiredFile> {
     if let (FileRole::List, Some(split)) = (file.role, split)
         && file.path.starts_with("splits/")

@@ -37,6 +37,7 @@ enum Opened {
 
 impl PredictedDepth {
     /// Creates a source from a checkpoint; its weights are loaded on first use.
+    ///
     /// # Errors
     /// If the checkpoint cannot be read, or Depth Pro was requested and the checkpoint is of another network. Whether a
     /// checkpoint is SHARP's is not checked here, because [`named_network`](crate::io::checkpoint::named_network) does

@@ -127,9 +127,9 @@ impl ForeignList {
         forms::counts(&self.entries)
     }
 
-    /// Finds the list's pairs in the scenes of datasets. A scene of the list is matched by its full id, or by the part
-    /// of the id after a `/`. Repeated pairs are added once. All pairs are selected; their overlaps and depths are not
-    /// measured.
+    /// Finds the list's pairs in the scenes of datasets. A name in the list matches a scene whose id is the name, or
+    /// ends with the name after a `/`. Repeated pairs are added once. All pairs are selected; their overlaps and depths
+    /// are not measured.
     ///
     /// # Errors
     /// [`PairError::List`] if a listed view is missing from its scene, a scene of the list matches several scenes, or

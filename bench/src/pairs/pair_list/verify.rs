@@ -63,7 +63,7 @@ pub struct Unreadable {
     pub reason: String,
 }
 
-/// A pair whose cameras differ from the list. Of two values, the first is the list's, the second that of the files.
+/// A pair whose cameras differ from the list. Arrays of two hold the list's value, then that of the files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MovedCamera {
     /// Line in the list's file.

@@ -59,7 +59,7 @@ pub struct SweepLine {
     pub bins: Vec<Vec<SweepBin>>,
 }
 
-/// A bin, with those of its pairs that have a score.
+/// A bin with those pairs that have a score.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepBin {
     pub banded: Banded,

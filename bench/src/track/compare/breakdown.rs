@@ -47,7 +47,8 @@ impl Division {
         }
     }
 
-    /// A record's value of the measure of motion that divides the pairs; `None` if it is unknown or not finite.
+    /// A record's motion, as measured by this division; `None` if it is unknown or not finite, or if the division is
+    /// not by motion.
     fn value(self, record: &Record) -> Option<f64> {
         match self {
             Self::Scene | Self::Pixels => None,
