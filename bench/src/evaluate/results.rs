@@ -116,9 +116,7 @@ impl Current {
         match moved.filter(|_| list.sha256 != said.sha256) {
             Some(unit) => {
                 let pair = &unit.slot.pair_id;
-                let what = format!(
-                    "pairs.csv has cameras for pair '{pair}' that differ from those of the pairs"
-                );
+                let what = format!("pairs.csv has cameras for pair '{pair}' other than those");
                 Err(changed(folder, &what))
             }
             None => Ok(()),
@@ -223,7 +221,7 @@ impl Results {
             return Err(EvaluateError::NotKept {
                 folder: folder.root().to_owned(),
                 reason: format!(
-                    "{difference}; run both on the same files, in this folder or another"
+                    "{difference}; evaluate both results on the same files, in this folder or another"
                 ),
             });
         }

@@ -285,7 +285,7 @@ pub fn build(
         .map(|spec| {
             if !labels.insert(spec.label.as_str()) {
                 return Err(spec.error(format!(
-                    "the label '{}' is taken; give this one label=NAME",
+                    "the label '{}' is taken; give this method another one with label=NAME",
                     spec.label
                 )));
             }

@@ -119,8 +119,8 @@ pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option
 
 fn sparseness(counts: &PairCounts) -> String {
     format!(
-        "its depth is sparse (in {1} of {2} with depth, fewer than {0} % of the pixels with depth have a neighbour \
-         with depth), but overlap=ground-truth needs depth at exactly the pixel where a point lands",
+        "its depth is sparse (in {1} of {2} with depth, fewer than {0} % of the measured pixels have a measured \
+         neighbour), but overlap=ground-truth needs depth at exactly the pixel where a point lands",
         100.0 * SPARSE_DENSITY,
         counts.with_sparse_depth,
         counted(counts.with_depth, "view")
@@ -217,7 +217,7 @@ mod tests {
     fn sparse_depth_is_told_from_little_overlap() {
         let eth3d = said("eth3d=/x", "", depth(10, 9)).unwrap();
         for part in [
-            "in 9 of 10 views with depth, fewer than 30 % of the pixels with depth",
+            "in 9 of 10 views with depth, fewer than 30 % of the measured pixels",
             "overlap=given with --overlap-depth",
             "sharp-release",
             "sparse:8",

@@ -61,13 +61,12 @@ impl OpenDataset {
             if is_taken || dataset.name == ALL_DATASETS {
                 let reason = match is_taken {
                     true => format!(
-                        "the name '{}' is taken; give this dataset another one with \
-                                     NAME:",
+                        "the name '{}' is taken; give this dataset another name with NAME:FORMAT=PATH",
                         dataset.name
                     ),
                     false => format!(
                         "'{ALL_DATASETS}' is reserved for the mean over datasets; give this \
-                         dataset another name with NAME:"
+                         dataset another name with NAME:FORMAT=PATH"
                     ),
                 };
                 return Err(PairError::DatasetSpec {

@@ -36,7 +36,8 @@ pub enum NetworkError {
     )]
     DepthPro { checkpoint: PathBuf },
     #[error(
-        "{}: several configurations next to it fit ({names}); choose one with config=FILE.json#NAME (--config)", checkpoint.display()
+        "{}: several configurations in the same folder fit this checkpoint ({names}); choose one with \
+         config=FILE.json#NAME (--config)", checkpoint.display()
     )]
     SeveralConfigs { checkpoint: PathBuf, names: String },
     #[error(

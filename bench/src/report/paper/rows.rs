@@ -44,7 +44,7 @@ pub enum RowError {
     Label(String),
     #[error("the label '{0}' is given twice")]
     Repeated(String),
-    #[error("{}: it has {what}; select one of them, {}:METHOD", path.display(), path.display())]
+    #[error("{}: it has {what}; select one of them with {}:METHOD", path.display(), path.display())]
     Method {
         path: PathBuf,
         /// Description of the available methods.
