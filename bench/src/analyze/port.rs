@@ -423,7 +423,7 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// Other ways in which the numbers of attribute `field` could be stored than in `current`.
+/// The forms in which the numbers of attribute `field` may be stored; everything else is as in `current`.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {

@@ -60,7 +60,7 @@ impl Outcome {
     }
 }
 
-/// The command line contradicts itself, regardless of the files.
+/// The options on the command line contradict each other, whatever the files contain.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(super) struct UsageError(pub(super) String);

@@ -9,7 +9,7 @@ use crate::pairs::PairError;
 /// Why a [`RunConfig`](super::RunConfig) cannot be turned into a run.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// The request contradicts itself, regardless of the files.
+    /// The options contradict each other, whatever the files contain.
     #[error("{0}")]
     Usage(String),
     #[error("--metrics {list}: {error}")]

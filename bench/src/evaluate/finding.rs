@@ -274,7 +274,8 @@ impl ShownCamera {
 /// Multiples of the motion ([`ShownCamera::Moved`]) count as alike if they differ by at most this many percentage
 /// points.
 const MAX_UNEVEN: f64 = 8.0;
-/// They also count as alike if they differ by at most this share of the multiple.
+/// Multiples of the motion also count as alike if they differ by at most this share of the multiple, even if that is
+/// more than [`MAX_UNEVEN`].
 const MAX_UNEVEN_SHARE: f64 = 0.12;
 
 /// How a picture frames its target, compared with its photograph.

@@ -376,7 +376,7 @@ enum Cut {
     Picture(Box<Unscored>),
 }
 
-/// Crops a unit to a region. `size` is the target's.
+/// Crops a unit to a region. `size` is the target's width and height.
 fn cut(folder: &RunFolder, unit: &Unit, common: Region, size: (u32, u32)) -> Cut {
     let mut unit = unit.clone();
     if unit.record.status != Status::Ok {

@@ -261,7 +261,7 @@ mod tests {
     fn pairs_where_a_method_loses_most() {
         let mut records = results().records;
         let method = records[0].method.clone();
-        // Better by 0, 2, 4 … dB, but for the last.
+        // Better by 0, 2, 4 … dB, except for the last pair.
         let others = records.clone().into_iter().enumerate().map(|(i, record)| {
             let psnr = record.scores["psnr"].value().unwrap();
             let gain = if i == 5 { -1.0 } else { 2.0 * i as f64 };
