@@ -17,20 +17,20 @@ use sharp::unprojection::covariance;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
-/// Interpretations of the port's file are tested on at most this many Gaussians.
+/// Maximum number of Gaussians on which an interpretation of the port's file is tested.
 const SAMPLE: usize = 4096;
-/// Gaussians count as matched if their median distance is below this, in pixels.
+/// Gaussians count as matched if their median distance, as computed by [`Pair::distance`], is below this many pixels.
 const SAME_PLACE: f64 = 2.0;
-/// Two numbers are clearly different if one is at least this many times the other. Compared are the median differences
-/// before and after another interpretation, and the size and spread of a common shift.
+/// How many times larger one number must be to count as clearly larger. Used to compare an attribute's median
+/// difference under two interpretations of the file, and the size of a common shift with its spread.
 const MUCH_LESS: f64 = 10.0;
-/// Median differences below this, per cent, need no explanation.
+/// If an attribute's median difference is at most this, in per cent, no other interpretation is tried.
 const NEGLIGIBLE: f64 = 0.1;
 /// A common shift of all Gaussians is reported as a cause if it is at least this large, in pixels.
 const MIN_SHIFT: f64 = 0.05;
 /// Side of a cell of the neighbour search, in pixels.
 const CELL: f64 = 4.0;
-/// Weight of a relative difference in depth, pixels: 1 % of depth counts as one pixel.
+/// Converts a relative difference in depth to pixels: 1 % of depth counts as one pixel.
 const PIXELS_OF_DEPTH: f64 = 100.0;
 
 /// Differences in one attribute.
@@ -47,17 +47,17 @@ pub struct FieldDifference {
 pub struct PortComparison {
     /// How the Gaussians in the port's file are ordered relative to the reference's.
     pub order: &'static str,
-    /// Number of the port's Gaussians that have no counterpart of their own in the reference.
+    /// Number of the port's Gaussians in excess of those matched one-to-one with the reference.
     pub extra: usize,
     /// Number of the reference's Gaussians without a counterpart in the port.
     pub missing: usize,
     /// Number of the port's Gaussians with a non-finite value.
     pub not_finite: usize,
-    /// Differences with the settings as given.
+    /// Differences if the port's file is read with the settings given by the user.
     pub as_read: Vec<FieldDifference>,
-    /// Settings for reading the file that explain most of the differences.
+    /// Changes to these settings that explain most of the differences.
     pub settings: Vec<(&'static str, String)>,
-    /// Differences that remain with these settings.
+    /// Differences that remain after these changes.
     pub with_settings: Vec<FieldDifference>,
 }
 
@@ -107,8 +107,8 @@ fn in_layer(i: usize, side: usize, map: impl Fn(usize, usize) -> (usize, usize))
     (layer * side + row) * side + column
 }
 
-/// Compares a port's Gaussians with the reference's. Both have linear colours and are in the space
-/// of the photograph's camera. `stored` is the form in which the port's file was read.
+/// Compares a port's Gaussians with the reference's. Both must have linear colours and be in the camera space of the
+/// photograph. `stored` is the form in which the port's file was read.
 pub fn compare(
     port: &Gaussians,
     stored: StoredForm,
@@ -185,9 +185,10 @@ struct Pair<'a> {
 impl Pair<'_> {
     /// Placement and order of the port's Gaussians, and the matched pairs of indices.
     ///
-    /// If both have equally many Gaussians, takes the known order with the smallest median distance between matched
-    /// Gaussians; it must be below [`SAME_PLACE`], unless opacities or colours show that the order is the reference's.
-    /// Otherwise matches Gaussians by position, with the placement that finds the most matches.
+    /// If both have equally many Gaussians, the known orders are tried, and the one with the smallest median distance
+    /// between matched Gaussians is taken. That distance must be below [`SAME_PLACE`]; it may be larger if opacities or
+    /// colours show that the order is the reference's. Otherwise, Gaussians are matched by position, with the placement
+    /// that gives the most matches.
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {
@@ -265,7 +266,7 @@ impl Pair<'_> {
         (placement, "another order, matched by position", pairs)
     }
 
-    /// Median distance of the means, combining pixels and depth.
+    /// Median distance of the means in pixels; a difference in depth adds a small amount.
     fn distance(&self, placement: &Placement, sample: &[[u32; 2]]) -> f64 {
         let map = placement.camera_from_file(&self.camera);
         let k = &self.camera.intrinsics;
@@ -278,8 +279,7 @@ impl Pair<'_> {
         }))
     }
 
-    /// Whether opacities or colours show that Gaussians of the same index correspond, wherever they
-    /// are.
+    /// Whether opacities or colours show that Gaussians of the same index correspond, even if their positions differ.
     fn is_same_order(&self, in_order: &[[u32; 2]]) -> bool {
         let sample: Vec<[u32; 2]> = spread(in_order).collect();
         let reading = FileReading {
@@ -290,8 +290,8 @@ impl Pair<'_> {
         medians[OPACITY] < NEGLIGIBLE || medians[COLOUR] < NEGLIGIBLE
     }
 
-    /// The shift in pixels (right, down) from the port's Gaussians to the reference's as seen by the camera; zero
-    /// unless the shift is the same everywhere.
+    /// The shift, in pixels (right, down), that moves the port's Gaussians onto the reference's in the camera's
+    /// picture. A component is zero if it is too small or varies across the Gaussians.
     fn shift(&self, placement: &Placement, matches: &[[u32; 2]]) -> [f64; 2] {
         let map = placement.camera_from_file(&self.camera);
         let focal = [self.camera.intrinsics.fx, self.camera.intrinsics.fy];
@@ -352,7 +352,7 @@ impl Pair<'_> {
             .collect()
     }
 
-    /// Differences of each attribute.
+    /// Differences of each attribute in [`FIELDS`], one value per matched pair.
     fn values(&self, reading: &FileReading, matches: &[[u32; 2]]) -> [Vec<f64>; 5] {
         let members: Vec<usize> = matches.iter().map(|[i, _]| *i as usize).collect();
         let mut own = self.port.subset(&members);
@@ -423,7 +423,7 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// Alternative interpretations of an attribute's numbers.
+/// The forms in which the numbers of attribute `field` may be stored; everything else is as in `current`.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {

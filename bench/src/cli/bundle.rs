@@ -22,7 +22,7 @@ pub(super) struct BundleArgs {
     /// The bundle to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Include time and memory of predictions, which a gate's limits on seconds_per_pair and peak_memory need
+    /// Include the time and memory of predictions, as needed by a gate with limits on seconds_per_pair or peak_memory
     #[arg(long)]
     times: bool,
     /// Print JSON

@@ -48,15 +48,15 @@ pub(super) struct CompareArgs {
     /// Also show means by scene, baseline, rotation, overlap and relative motion
     #[arg(long)]
     breakdown: bool,
-    /// Also list the pairs on which two of the compared methods changed their order
+    /// Also list the pairs on which two of the compared methods swap places: one scores better in A, the other in B
     #[arg(long)]
     flips: bool,
     /// Also show the error by kind of pixel: visible in the source, hidden, outside, or near a depth edge. Needs both
     /// runs' kept pictures and datasets with depth
     #[arg(long)]
     anatomy: bool,
-    /// A backbone's weights for --anatomy, NAME=FILE; needed if the runs used weights that differ from those found on
-    /// this machine
+    /// Weights file of a network behind LPIPS, for --anatomy: NAME=FILE. Needed if the runs used other weights than
+    /// those found on this machine; repeatable
     #[arg(long, value_name = "NAME=FILE", requires = "anatomy")]
     weights: Vec<String>,
     /// Write Markdown, CSV and a page with pictures of the most changed pairs into this folder

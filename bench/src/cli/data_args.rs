@@ -15,7 +15,7 @@ pub(super) struct DatasetArgs {
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
     #[arg(long = "dataset", value_name = "SPEC", required = true, value_parser = clap_dataset)]
     pub(super) datasets: Vec<DatasetConfig>,
-    /// Only scenes whose id matches; `*` and `?` are wildcards
+    /// Only scenes whose id matches this pattern; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB")]
     pub(super) scenes: Option<String>,
 }
@@ -29,7 +29,7 @@ impl DatasetArgs {
     }
 }
 
-/// Prints which scenes were left out, and what the readers assumed.
+/// Prints which scenes were left out, and the readers' notes on what they assumed.
 pub(super) fn say_what_was_opened(datasets: &[OpenDataset]) {
     for dataset in datasets {
         for group in &dataset.left_out {

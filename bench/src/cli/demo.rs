@@ -15,12 +15,12 @@ use crate::methods::{self, MethodSpec};
 use crate::pairs::{OpenDataset, PairOptions, PairOrigin, PairRecipe};
 use crate::report::{Layout, PictureBudget, ReportOptions, report};
 
-/// Run the main job on bundled data: evaluate, tabulate, plot
+/// Try sharp-bench on bundled data: evaluate, tabulate, plot
 ///
-/// Evaluates the bundled small network, with and without the scale of the true depth, and two methods
-/// that use no network. The data are four real stereo pairs of Middlebury with measured depth, and a
-/// procedural multi-view scene. Writes a report and downloads nothing. The network has
-/// SHARP's architecture but was trained on procedural scenes; it is not Apple's model.
+/// Evaluates the bundled small network twice, with and without the scale of the true depth, and two methods that use no
+/// network. The data are four real stereo pairs of Middlebury with measured depth, and a procedural multi-view scene.
+/// Writes a report and downloads nothing. The network has SHARP's architecture but was trained on procedural scenes; it
+/// is not Apple's model.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench demo --out demo-run")]
 pub(super) struct DemoArgs {

@@ -19,11 +19,12 @@ use crate::scoring::Scoring;
 
 /// Explain why a number differs from the published one
 ///
-/// Scores a run's kept predictions under every reading of the protocol that needs no new prediction: variants of the
-/// metrics; masks; rounding or truncation to 8 bits, or neither; colour divided by alpha; cropped borders; averaging
-/// rules; only the first of several scenes of the same place. Each cell of the paper's row gets a verdict: equal after
-/// rounding, ambiguous (the candidates are listed), or inside or outside the protocol's spread. Readings that need
-/// other pairs or pictures are listed as not computed.
+/// Rescores a run's kept predictions under every reading (interpretation of the protocol) that needs no new prediction.
+/// Readings differ in: the variants of the metrics; masks; conversion to 8 bits (rounded, truncated or none); division
+/// of colours by alpha; cropping of borders; the averaging rule; and whether only the first of several scenes of one
+/// place counts. Each cell of the paper's row gets a verdict: equal after rounding, ambiguous (the candidates are
+/// listed), or inside or outside the range of the readings. Readings that need other pairs or pictures are listed as
+/// not computed.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -46,7 +47,7 @@ pub(super) struct ExplainArgs {
     /// Variants of the metrics to try
     #[arg(long, value_name = "LIST", default_value = "all,all@frustum")]
     metrics: String,
-    /// A backbone's weights file: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
+    /// Weights file of a network behind LPIPS or DISTS: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
     #[arg(long, value_name = "NAME=FILE")]
     weights: Vec<String>,
     /// Write explain.md and readings.csv into this folder

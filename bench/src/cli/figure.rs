@@ -32,8 +32,9 @@ const PROBLEMS: usize = 10;
 
 /// Make a figure of the paper from runs, in print quality
 ///
-/// Plots and sheets of pictures become SVG, PNG and PDF. --style FILE.toml sets width_mm (84, a column of a two-column
-/// paper; 174 is the whole page), font_pt (8), dpi (300), panel_aspect (0.62), caption (true) and colours.
+/// Plots and sheets of pictures become SVG, PNG and PDF. --style FILE.toml sets width_mm (default 84, one column of a
+/// two-column paper; 174 is the whole page), font_pt (default 8), dpi (300), panel_aspect (0.62), caption (true) and
+/// colours.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -57,9 +58,9 @@ enum FigureCommand {
     },
     /// Histograms of the camera baselines, one panel per dataset
     Baselines(RunsArgs),
-    /// DISTS against the camera baseline, of methods without the source's true depth
+    /// DISTS against the camera baseline, for methods that do not use the source's true depth
     Motion(RunsArgs),
-    /// DISTS against the camera baseline, of methods with the source's true depth or its scale
+    /// DISTS against the camera baseline, for methods that use the source's true depth or its scale
     MotionPrivileged(RunsArgs),
     /// A metric against seconds per pair, on a logarithmic axis
     FidelityTime {
@@ -68,8 +69,8 @@ enum FigureCommand {
         /// A metric of the runs
         #[arg(long, default_value_t = MetricKey::DISTS)]
         metric: MetricKey,
-        /// An output folder of `speed`, or a speed.csv; the times measured there replace those of the
-        /// run, for the same methods and datasets
+        /// An output folder of `speed`, or its speed.csv. For the methods and datasets in it, these times replace those
+        /// recorded in the run
         #[arg(long, value_name = "PATH")]
         speed: Option<PathBuf>,
     },
@@ -287,7 +288,7 @@ fn of_depth(args: &UncertaintyArgs) -> anyhow::Result<Outcome> {
     write_sheet(&sheet, "uncertainty", &args.out, &style).map(Outcome::of_problems)
 }
 
-/// Writes a sheet and prints its problems; true if it has any.
+/// Writes a sheet and prints the problems found in it; true if there are any.
 fn write_sheet(
     sheet: &Sheet,
     stem: &str,

@@ -18,8 +18,8 @@ use crate::track::gate::{CheckState, GateConfig, GateError, GateReport, Limit, g
 /// Compare a run with a baseline in continuous integration: exit code 3 if the run is worse than the limits allow
 ///
 /// A limit fires if B is worse than A by more than the limit, on a dataset or over all datasets, with p < 0.05 after
-/// Holm's correction; limits `per scene` ignore p. Without limits, any significant loss fires. Missing scores count as
-/// violations. Exit code 5: no limit fired, but at least one cannot be decided.
+/// Holm's correction. Limits marked `per scene` fire whatever p is. Without any limits, every significant loss fires.
+/// Missing scores count as violations. Exit code 5: no limit fired, but at least one cannot be decided.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Limits:
@@ -48,7 +48,7 @@ pub(super) struct GateArgs {
     /// A limit in addition to those of --config; repeatable
     #[arg(long, value_name = "LIMIT")]
     fail_if: Vec<Limit>,
-    /// Exit code 5 if the runs could not detect a difference of this size, as in psnr=0.5,lpips=0.01
+    /// Exit code 5 if the runs have too little data to detect a difference of this size, as in psnr=0.5,lpips=0.01
     #[arg(long, value_name = "METRIC=D", value_delimiter = ',', value_parser = power)]
     require_power: Vec<(MetricName, f64)>,
     /// Compare a method of A with one of B [default: methods with the same label, or each run's

@@ -45,7 +45,7 @@ const RARE: [&str; 36] = [
     "weights",
 ];
 
-/// `--help` shows those paragraphs after the options that begin with one of these words.
+/// `--help` ends with the paragraphs that begin with one of these words; `--help-all` shows all paragraphs.
 const ON_A_SCREEN: [&str; 2] = ["Example", "Start with"];
 
 /// Commands on the first page; `--help-all` lists the others.
@@ -124,7 +124,7 @@ fn two_sizes(command: Command, path: &str) -> Command {
     })
 }
 
-/// Accepts negative numbers as values, so that errors name the option.
+/// Lets clap take negative numbers as option values, so that its error about such a value names the option.
 fn negative(arg: Arg) -> Arg {
     let is_option = arg.get_long().is_some() && arg.get_action().takes_values();
     match is_option && !arg.is_allow_hyphen_values_set() {

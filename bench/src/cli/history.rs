@@ -60,8 +60,8 @@ struct AddArgs {
 
 /// Show scores over time, per method, dataset and metric
 ///
-/// An entry is a change point if `compare` finds it better or worse than the previous comparable entry (step) or than
-/// the last change point (drift). A series breaks where entries cannot be compared.
+/// An entry is marked as a change point if `compare` finds it better or worse than the previous comparable entry (a
+/// step) or than the last change point (a drift). A series is interrupted where consecutive entries cannot be compared.
 #[derive(Debug, Args)]
 struct ShowArgs {
     /// The history's folder

@@ -7,8 +7,8 @@ use crate::io::machine::peak_bytes;
 #[derive(Debug, clap::Args)]
 pub(super) struct MemoryArgs {
     /// Memory limit, such as 512M or 4G: Gaussians beyond a quarter of the limit are stored on disk, and a pair's
-    /// predictions are made and scored in parts. The networks' weights and single pictures cannot be split; if memory
-    /// exceeds a given limit, a warning says so [default: 2G]
+    /// predictions are made and scored in parts. Network weights and single pictures cannot be split; if they make the
+    /// process exceed a limit set with this option, a warning is printed [default: 2G]
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     memory_limit: Option<u64>,
 }

@@ -193,7 +193,7 @@ const MAX_THREADS: usize = 4096;
 fn set_threads(threads: Option<usize>) -> anyhow::Result<()> {
     if let Some(threads) = threads {
         if !(1..=MAX_THREADS).contains(&threads) {
-            let reason = format!("--threads {threads}: between 1 and {MAX_THREADS}");
+            let reason = format!("--threads {threads}: must be between 1 and {MAX_THREADS}");
             return Err(UsageError(reason).into());
         }
         rayon::ThreadPoolBuilder::new()

@@ -28,8 +28,8 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
-    /// Replaces `Done` by `RecordedFailures` if results lack scenes or views of the datasets
-    /// because they are broken or incomplete.
+    /// Replaces `Done` with `RecordedFailures` if scenes or views are missing from the results because their files are
+    /// broken or incomplete.
     pub(super) fn with_scenes_of(self, datasets: &[OpenDataset]) -> Self {
         let broken = datasets
             .iter()
@@ -37,7 +37,7 @@ impl Outcome {
         self.or(Self::of_problems(broken))
     }
 
-    /// Replaces `Done` by `other`.
+    /// Replaces `Done` with `other`.
     pub(super) fn or(self, other: Self) -> Self {
         if self == Self::Done { other } else { self }
     }
@@ -60,7 +60,7 @@ impl Outcome {
     }
 }
 
-/// The command line contradicts itself, regardless of the files.
+/// The options on the command line contradict each other, whatever the files contain.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(super) struct UsageError(pub(super) String);

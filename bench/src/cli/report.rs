@@ -39,8 +39,8 @@ pub(super) struct ReportArgs {
     /// Which of the paper's numbers to show next to yours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
-    /// How to average: over pairs, over the means of scenes, or over the means of source views
-    /// [default: the runs' own rule]
+    /// How to average: over pairs, over the means of scenes, or over the means of source views [default: the rule that
+    /// the runs were made with]
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,
     /// Uncertainty shown as ± after each mean in a table [default: ci95 on the page, none elsewhere]
@@ -178,8 +178,8 @@ pub(super) fn tables(
     Ok(texts.join("\n"))
 }
 
-/// The exit code is 4 if there are recorded failures, and 75 if units are left. After the last stage, it is also 75 if
-/// units still wait for an earlier stage.
+/// Exit code 4 if there are recorded failures, and 75 if units are left. After the last stage, also 75 if units are
+/// still waiting for an earlier stage.
 pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
     if is_last_stage && counts.waiting > 0 {
         output::remark(format!(

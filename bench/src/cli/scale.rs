@@ -31,7 +31,7 @@ Example:
       --sbatch pictures=--gres=gpu:1 --sbatch every=--partition=main
   bash jobs/submit.sh")]
     Slurm(SlurmArgs),
-    /// Write an indexed Kubernetes Job, and a Job that merges
+    /// Write an indexed Kubernetes Job that runs the shards, and a Job that merges them
     #[command(after_help = "\
 Example:
   sharp-bench scale kubernetes --plan /data/runs/all --shards 64 --image registry/sharp-bench:1 \\
@@ -83,7 +83,8 @@ struct SlurmArgs {
     /// One array for all stages, instead of one for pictures (predictions and renderings) and one for scores
     #[arg(long)]
     one_array: bool,
-    /// An option of sbatch for a job (pictures, score, all, merge or every); repeatable
+    /// Pass OPTION to sbatch for JOB: pictures, score, all (with --one-array), merge, or every for each of them;
+    /// repeatable
     #[arg(long = "sbatch", value_name = "JOB=OPTION", value_parser = option)]
     options: Vec<(String, String)>,
     /// Also submit shards with recorded failures

@@ -20,8 +20,8 @@ use crate::io::counts::counted;
 
 /// Add metrics to a run by scoring its kept pictures
 ///
-/// Predicts and renders nothing. Results (of a method on a pair) whose picture was not kept receive no new scores; then
-/// the exit code is 4, and --json has their number.
+/// Predicts and renders nothing. A result of a method on a pair gets new scores only if its picture was kept. If some
+/// were not kept, the exit code is 4, and --json has their number.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench score runs/first --metrics lpips-vgg,ssim-all")]
 pub(super) struct ScoreArgs {
@@ -58,7 +58,7 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
         (Some(set), _) => {
             Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
         }
-        // Any other value would be rejected.
+        // A run accepts scores only from the kernels that it was made with.
         (None, Some(manifest)) => {
             Simd::pin(manifest.kernels).with_context(|| args.run.display().to_string())?;
         }

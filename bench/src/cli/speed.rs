@@ -22,10 +22,10 @@ use crate::scoring::Scoring;
 
 /// Measure inference and rendering separately, or total the hours and hardware of runs
 ///
-/// With --method and --dataset, measures each method alone on a few pairs of each dataset, at the targets' resolution,
-/// after a warm-up, and reports medians, spread, peak memory, and the number of Gaussians rendered. Times in a run
-/// folder are not comparable, because scoring ran at the same time; for given runs, total hours and hardware are
-/// reported instead.
+/// With --method and --dataset, measures each method alone on a few pairs of each dataset, at the targets' resolution
+/// and after a warm-up. Reports medians, spread, peak memory, and the number of Gaussians rendered. The times stored in
+/// a run folder are not comparable, because scoring ran at the same time; for given runs, only the total hours and the
+/// hardware are reported.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -28,7 +28,8 @@ pub(super) struct StatusArgs {
     /// Print only which of N shards are unfinished, as a list for a scheduler (2,17-19)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     unfinished_shards: Option<u32>,
-    /// Split the list into arrays with indices up to INDEX; each line has an offset and indices
+    /// Split the list into job arrays whose indices do not exceed INDEX; each line has an offset to add to the indices,
+    /// and the indices
     #[arg(long, value_name = "INDEX", requires = "unfinished_shards", value_parser = clap::value_parser!(u32).range(1..))]
     max_index: Option<u32>,
     /// Count shards with recorded failures as unfinished
@@ -122,7 +123,7 @@ fn ranges(numbers: &[usize]) -> String {
     runs.collect::<Vec<_>>().join(",")
 }
 
-/// Splits shards into arrays with indices from 1 to `max`, each with its offset.
+/// Splits shards into arrays with indices from 1 to `max`. Each array has an offset; shard = offset + index.
 fn arrays(shards: &[usize], max: usize) -> Vec<(usize, Vec<usize>)> {
     let offset = |shard: usize| (shard - 1) / max * max;
     let chunks = shards.chunk_by(|a, b| offset(*a) == offset(*b));

@@ -60,7 +60,7 @@ pub(super) struct SweepArgs {
     /// Report the motion beyond which each method is worse than METHOD, over the pairs with scores of both
     #[arg(long, value_name = "METHOD")]
     against: Option<String>,
-    /// Sizes and colours of the figures, a TOML file: width_mm, font_pt, dpi, panel_aspect, caption, colours
+    /// A TOML file with the figures' sizes and colours: width_mm, font_pt, dpi, panel_aspect, caption, colours
     #[arg(long, value_name = "FILE")]
     style: Option<PathBuf>,
     /// Print the list of written files, and the crossings, as JSON
@@ -100,7 +100,7 @@ pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
     style.map_err(|error| UsageError(format!("--style: {error:#}")).into())
 }
 
-/// Rejects a style for a method that none of the results shows.
+/// Rejects a style that has an entry for a method that none of the results shows.
 pub(super) fn check_methods(style: &FigureStyle, results: &Results) -> Result<(), UsageError> {
     let methods = results.manifest.methods.iter();
     let known: Vec<&str> = methods.map(|method| method.label.as_str()).collect();
@@ -172,7 +172,9 @@ pub(super) fn sweep(
     }
     let nothing = sweep.panels.is_empty();
     if nothing && sweep.without_lines.is_empty() {
-        output::remark("warning: the runs have no such method or no pairs");
+        output::remark(
+            "warning: nothing to plot, because the runs have no pairs or none of the selected methods",
+        );
     }
     Ok(Outcome::of_problems(
         warn_damaged(&results) || nothing || !sweep.without_lines.is_empty(),

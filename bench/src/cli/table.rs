@@ -40,7 +40,7 @@ pub(super) struct TableArgs {
     /// list` shows the requirements of every table
     #[arg(long = "row", value_name = "LABEL=RUN[:METHOD]")]
     rows: Vec<String>,
-    /// The variants to show, at most one per metric [default: the default variants that all rows have]
+    /// The metric variants to show, at most one per metric [default: the default variants that all rows have]
     #[arg(long, value_name = "LIST")]
     metrics: Option<String>,
     /// Omit datasets that none of your rows has
@@ -104,7 +104,7 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
     let too_few = !args.only_measured && table.groups.len() < args.datasets.len();
     if table.groups.is_empty() || too_few {
         let reason = format!(
-            "--datasets {}: the table {} has {}",
+            "--datasets {}: the table {} has only {}",
             args.datasets.join(","),
             paper.name,
             paper.datasets.join(", ")

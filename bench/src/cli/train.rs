@@ -20,10 +20,10 @@ use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 
 /// Train a network with SHARP's architecture, in both stages
 ///
-/// The configuration sets the network, losses, data, schedule and intervals; omitted keys have the
-/// paper's values. The same command resumes an interrupted run (Ctrl-C, SIGTERM, --time-budget); log
-/// and weights are byte-identical to those of an uninterrupted one. Weights are validated on held-out
-/// pairs, in the same way as `run` evaluates a method.
+/// The configuration sets the network, losses, data, schedule and intervals; omitted keys have the paper's values. The
+/// same command resumes an interrupted run (Ctrl-C, SIGTERM, --time-budget); log and weights are then byte-identical to
+/// those of a run without interruption. Weights are validated on held-out pairs, in the same way as `run` evaluates a
+/// method.
 #[derive(Debug, Args)]
 #[command(mut_arg("device", |arg| arg.help(
     "Device that trains the network and computes LPIPS and DISTS: cpu; metal (untested) or cuda, if built in; \

@@ -6,10 +6,10 @@ use sharp_metrics::{Device, SelectionError, Unavailable};
 use crate::methods::SpecError;
 use crate::pairs::PairError;
 
-/// Why no run can be set up from a [`RunConfig`](super::RunConfig).
+/// Why a [`RunConfig`](super::RunConfig) cannot be turned into a run.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// The request contradicts itself, regardless of the files.
+    /// The options contradict each other, whatever the files contain.
     #[error("{0}")]
     Usage(String),
     #[error("--metrics {list}: {error}")]

@@ -16,7 +16,7 @@ pub struct MetricConfig {
     /// dists-all; `paper` (dists, lpips, psnr, ssim); `all` [default: paper]
     #[arg(long, value_name = "LIST")]
     pub metrics: Option<String>,
-    /// A backbone's weights file: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
+    /// Weights file of a network behind LPIPS or DISTS: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
     #[arg(long, value_name = "NAME=FILE")]
     pub weights: Vec<String>,
     /// Device for the networks of LPIPS and DISTS: cpu; metal (untested) or cuda, if built in; candle-cpu

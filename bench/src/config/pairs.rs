@@ -12,9 +12,8 @@ use crate::pairs::{OverlapCache, PairOptions, PairOrigin, PairRecipe, SceneCheck
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct OverlapConfig {
-    /// Your own depth maps, which determine overlap:
-    /// `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`; scaled to the dataset's depth by the
-    /// median of ratios (overlap=given)
+    /// Your own depth maps, by which overlap is measured: `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`. They are
+    /// scaled to the dataset's depth by the median of ratios (overlap=given)
     #[arg(long, value_name = "DIR")]
     pub overlap_depth: Option<PathBuf>,
     /// Checkpoint for overlap=sharp-release (mini: the bundled network) or overlap=depth-pro [default: the release
@@ -63,7 +62,7 @@ impl OverlapConfig {
     }
 }
 
-/// Pairs: a list, or the choices that build one.
+/// The pairs to evaluate: either an existing list, or options for building one.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct PairConfig {
@@ -86,10 +85,10 @@ pub struct PairConfig {
 }
 
 impl PairConfig {
-    /// The origin of the pairs: a list, or a recipe that builds one.
+    /// Where the pairs are taken from: an existing list, or a recipe that builds one.
     ///
     /// # Errors
-    /// If both a list and options that build one are given, or the recipe lacks a file.
+    /// If options for building a list are given together with a list, or a file that the recipe needs is missing.
     pub fn origin(&self) -> Result<PairOrigin, ConfigError> {
         let overlap = &self.overlap;
         let builds = [

@@ -16,8 +16,8 @@ use crate::rendering::RenderSettings;
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct RenderingConfig {
-    /// Low-pass added to both variances of projected Gaussians, unless a rendering rule determines it:
-    /// release (0), config (0.01), gsplat or 3dgs (0.3), or a number in square pixels
+    /// Low-pass filter: variance added to both axes of each projected Gaussian. A number in square pixels, or release
+    /// (0), config (0.01), gsplat or 3dgs (0.3). `run` ignores it for Gaussians with a rendering rule of their own
     /// [default: release]
     #[arg(long, value_name = "X")]
     #[serde(with = "text")]

@@ -29,7 +29,7 @@ pub struct RunConfig {
     #[arg(long = "dataset", value_name = "SPEC", value_parser = clap_dataset)]
     #[serde(rename = "dataset")]
     pub datasets: Vec<DatasetConfig>,
-    /// Only scenes whose id matches; `*` and `?` are wildcards
+    /// Only scenes whose id matches this pattern; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB")]
     pub scenes: Option<String>,
     /// A method, `KIND[:key=value,…]`; repeatable
@@ -41,6 +41,7 @@ pub struct RunConfig {
     pub metrics: MetricConfig,
     /// Follow a published evaluation's rules for pairs, size, metrics, masks, rounding and averages (`sharp-bench
     /// protocols` lists the evaluations). Conflicting options are an error; the report states where the run differs
+    /// from the original
     #[arg(long, value_name = "NAME")]
     pub protocol: Option<String>,
     #[command(flatten)]
@@ -60,7 +61,7 @@ pub struct RunConfig {
     /// Which predicted pictures to keep [default: all]
     #[arg(long, value_enum)]
     pub keep: Option<Keep>,
-    /// Keep predicted Gaussians; rendering other targets, or with another renderer, then needs no new prediction
+    /// Keep predicted Gaussians. Other targets, or pictures by another renderer, then need no new prediction
     #[arg(long)]
     pub keep_gaussians: bool,
     /// The renderer: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). A run uses a single
@@ -98,13 +99,13 @@ pub enum Keep {
     None,
 }
 
-/// Parses a spec for clap. The error omits the spec, because clap quotes it.
+/// Parses a method spec for clap. The error does not repeat the spec, because clap quotes it.
 fn clap_method(text: &str) -> Result<MethodSpec, String> {
     text.parse().map_err(|error: SpecError| error.reason())
 }
 
 impl RunConfig {
-    /// The first method that starts a program.
+    /// The first method that starts an external program (kind `command`).
     pub(crate) fn program(&self) -> Option<&MethodSpec> {
         let mut methods = self.methods.iter();
         methods.find(|method| method.kind == "command")
@@ -183,7 +184,7 @@ impl RunConfig {
         Ok(keys)
     }
 
-    /// This configuration, with each option that is set in `over` replaced.
+    /// This configuration, with each option that `over` sets replaced by the value in `over`.
     ///
     /// # Errors
     /// If the combination is not a valid configuration.
@@ -210,7 +211,7 @@ impl RunConfig {
         backend(&given, self.adapter.as_deref())
     }
 
-    /// Resolves relative paths against `folder`, which also becomes the working directory of programs.
+    /// Resolves relative paths against `folder` and makes it the working directory of programs that methods start.
     #[must_use]
     pub fn rooted(mut self, folder: &Path) -> Self {
         let root = |path: &mut PathBuf| *path = folder.join(&path);

@@ -47,9 +47,9 @@ impl Aggregation {
         mean(&units.map(|(_, value)| value).collect::<Vec<_>>())
     }
 
-    /// The terms whose unweighted mean is [`Self::of`], each with a record that it was computed from: for
-    /// [`Self::Pairs`], the values in the given order; otherwise, the mean of each group, in order of the groups'
-    /// names.
+    /// The values whose unweighted mean [`Self::of`] returns, each with one of the records that it was computed from.
+    /// For [`Self::Pairs`], these are the given values in the given order; otherwise, they are the means of the groups,
+    /// sorted by the groups' names.
     pub fn units<'a>(
         self,
         values: impl IntoIterator<Item = (&'a Record, f64)>,

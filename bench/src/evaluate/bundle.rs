@@ -1,10 +1,18 @@
 //! The scores of a run in a single file, small enough to send, publish or commit as a baseline.
 //!
-//! A ZIP archive: `bundle.json` (version and digest), `manifest.json`, `pairs.csv` (only the evaluated pairs),
-//! `units.jsonl` (the status of each unit), `missing.json`, and `scores.bin`, with one column per metric of the
-//! manifest: the first bytes of all its numbers (f64, big endian), then all second bytes, and so on, which compresses
-//! better than number by number. With times, `timings.json` has those of each method by pair. Pictures and the values
-//! that methods report are not included. Equal results without times give equal bytes.
+//! A ZIP archive of these members:
+//!
+//! * `bundle.json`: version and digest.
+//! * `manifest.json`: as in the run folder.
+//! * `pairs.csv`: only the evaluated pairs.
+//! * `units.jsonl`: the status of each unit.
+//! * `missing.json`: planned units without a result.
+//! * `scores.bin`: one column of f64 numbers per metric of the manifest. A column starts with the first bytes of all
+//!   its numbers (big endian), followed by all second bytes, and so on, because this compresses better than number by
+//!   number.
+//! * `timings.json`, if times are included: the times of each method by pair.
+//!
+//! Pictures and the values that methods report are not included. Equal results without times give equal bytes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Cursor, Read, Write};
@@ -47,7 +55,7 @@ pub(crate) struct Head {
     pub(crate) occasion: Option<Occasion>,
 }
 
-/// Facts about a run that its author states.
+/// Facts about a run that its author states when adding it to a history.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Occasion {
     pub label: String,
@@ -99,8 +107,8 @@ struct UnitLine {
 /// `with_times`.
 ///
 /// # Errors
-/// If the run cannot be read, the file cannot be written, or it exists and is not a bundle or is an entry of a history
-/// (has an [`Occasion`]).
+/// If the run cannot be read or the file cannot be written. An existing file is overwritten only if it is a bundle that
+/// is not an entry of a history (has no [`Occasion`]).
 pub fn write_bundle(run: &Path, out: &Path, with_times: bool) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {
@@ -127,8 +135,8 @@ impl Results {
     /// Reads a bundle or a folder, even that of an unfinished run.
     ///
     /// # Errors
-    /// If `run` is neither a run folder nor a bundle, has an unsupported format, or its pair list or plan has lost
-    /// pairs that were evaluated.
+    /// If `run` is neither a run folder nor a bundle, if its format is not supported, or if evaluated pairs have been
+    /// removed from its pair list or plan.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         match run.exists() && !run.is_dir() {
             true => Ok(read_file(run)?.results),
@@ -252,8 +260,8 @@ impl Bundle {
         Ok(archive.finish()?.into_inner())
     }
 
-    /// Hash of pairs with their photographs, manifest and records: equal for two runs of the same
-    /// evaluation, wherever their files are.
+    /// Hash of the manifest, the records, and the pairs with the hashes of their photographs. Equal for two runs of the
+    /// same evaluation, wherever their files are.
     ///
     /// # Errors
     /// If encoding fails, which does not happen in memory.

@@ -31,7 +31,7 @@ pub(super) enum Effect {
 }
 use Effect::{Allowed, Refused, Replaced};
 
-/// The effect of a difference for each [`Purpose`]. The constants below are all the rows that are used.
+/// The effect of a difference for each [`Purpose`]. Every difference has one of the rows below.
 type Row = [Effect; 4];
 /// Facts that affect every value; results that differ in one are never combined.
 const RULE: Row = [Refused, Refused, Refused, Refused];
@@ -50,7 +50,7 @@ const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ManifestDifference {
     row: Row,
-    /// The fact that differs; a complete sentence if there are no values.
+    /// The name of the fact that differs; if there are no `values`, a complete sentence on the difference.
     what: String,
     /// The old and the new value.
     values: Option<[String; 2]>,
@@ -63,7 +63,8 @@ impl ManifestDifference {
         self.row[purpose as usize]
     }
 
-    /// Names the difference in a message about earlier results that tables no longer show, with the old value if known.
+    /// Text for a message about earlier results that tables no longer show: the fact that differs, with the old value
+    /// if known.
     pub(super) fn replaced(&self) -> String {
         match &self.values {
             Some([before, _]) => format!("{} was {before}", self.what),
@@ -128,7 +129,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
     let aggregations = both.map(|manifest| manifest.aggregation.to_string());
     found.compare(RULE, "the aggregation", aggregations);
     for (name, text) in now.scoring.iter().filter(|(name, _)| *name != AGGREGATION) {
-        // Versions that did not yet record a convention used today's.
+        // Results of older versions do not record every convention; those that are missing were the same as today's.
         let stated = before.scoring.get(name).unwrap_or(text);
         found.compare(CONVENTION, name, [stated.clone(), text.clone()]);
     }
@@ -266,8 +267,9 @@ fn metric_facts(info: &MetricInfo) -> [(&'static str, String); 4] {
     ]
 }
 
-/// The first reader setting whose value differs between the manifests, as `key=value` in each of them. Settings that
-/// only one manifest has are ignored, because versions may record more or fewer. If no setting differs, both specs.
+/// The first reader setting whose value differs between the manifests, as `key=value` in each of them. A setting that
+/// only one manifest has is ignored, because versions differ in which settings they record. If no setting differs,
+/// returns both specs.
 fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     let mut differing = before.readings.iter().filter_map(|old| {
         let new = now.readings.iter().find(|new| new.key == old.key)?;

@@ -123,7 +123,7 @@ worded! {
 }
 
 impl PictureChange {
-    /// Whether the change leaves traces that neither good nor poor predictions show.
+    /// Whether the change leaves traces that no prediction shows, however good or poor it is.
     pub fn is_visible(self) -> bool {
         matches!(
             self,
@@ -271,9 +271,11 @@ impl ShownCamera {
     }
 }
 
-/// Two multiples of the motion may have the same cause if they differ by at most this, in percentage points.
+/// Multiples of the motion ([`ShownCamera::Moved`]) count as alike if they differ by at most this many percentage
+/// points.
 const MAX_UNEVEN: f64 = 8.0;
-/// [`MAX_UNEVEN`] as a share of the multiple; the larger of the two counts.
+/// Multiples of the motion also count as alike if they differ by at most this share of the multiple, even if that is
+/// more than [`MAX_UNEVEN`].
 const MAX_UNEVEN_SHARE: f64 = 0.12;
 
 /// How a picture frames its target, compared with its photograph.
@@ -298,15 +300,16 @@ fn is_zero(value: &i16) -> bool {
 }
 
 impl Framing {
-    /// Framings may have the same cause if their zoom, roll and shift differ by at most these values; more is allowed
-    /// for large zooms.
+    /// Framings count as alike if their zoom, roll and shift differ by at most these values, in the units of the
+    /// fields. In zoomed pictures, larger differences are allowed.
     const UNEVEN: [i16; 3] = [25, 700, 4];
-    /// A framing counts as wrong if its zoom, roll or shift differs from the target's by at least these values.
+    /// A framing counts as wrong if its zoom, roll or shift differs from the target's by at least these values, in the
+    /// units of the fields. In zoomed pictures, roll and shift must differ by more.
     const MIN_FRAMING: [i16; 3] = [15, 700, 5];
-    /// A distortion counts as wrong from this one on.
+    /// A distortion counts as wrong if [`Framing::lens`] is at least this, or at most its negative.
     const MIN_LENS: i16 = 40;
-    /// Distortions may have the same cause if they differ by at most this, or by a quarter of the distortion if that is
-    /// larger.
+    /// Distortions count as alike if they differ by at most this, in thousandths, or by a quarter of the distortion if
+    /// that is larger.
     const UNEVEN_LENS: i16 = 30;
 
     fn is_distorted(self) -> bool {
@@ -326,7 +329,7 @@ impl Framing {
         self.shift.iter().any(|by| by.abs() >= least)
     }
 
-    /// Factor by which measurements of rotation and shift are less exact in a zoomed picture.
+    /// How many times less exact the measured rotation and shift are in a zoomed picture; 1 without zoom.
     fn coarser(self) -> i16 {
         match self.is_zoomed() {
             true => 3 + (self.zoom - 1000).abs() / 50,
@@ -338,7 +341,8 @@ impl Framing {
         self.is_zoomed() || self.is_rolled() || self.is_shifted() || self.is_distorted()
     }
 
-    /// Whether this measurement is compatible with the framing `other`, whose shift must have both components.
+    /// Whether this measurement is compatible with the framing `other`. The shift of `other` must have both components;
+    /// the measurement's own shift may lack the component along its epipolar lines.
     pub fn is_like(self, other: Self) -> bool {
         let near = |a: i16, b: i16, most: i16| (a - b).abs() <= most;
         let [zoom, roll, shift] = Self::UNEVEN;
@@ -354,8 +358,8 @@ impl Framing {
             && off.abs() <= f64::from(times * shift)
     }
 
-    /// The framing that explains several measurements best. Each measurement contains only the component of the shift
-    /// across its own epipolar lines.
+    /// The framing that explains several measurements best. Each measurement has only one component of the shift: the
+    /// one across its own epipolar lines.
     pub fn common(framings: &[Self]) -> Option<Self> {
         let middle = |of: fn(&Self) -> i16| {
             let mut all: Vec<i16> = framings.iter().map(of).collect();

@@ -83,7 +83,8 @@ pub(super) struct Job<'a> {
     pub(super) pairs: Vec<ResolvedPair<'a>>,
     /// Sources whose Gaussians are also rendered under other readings of their files.
     pub(super) checked: BTreeSet<String>,
-    /// For each pair of a sample: the other pairs whose targets its picture is compared with, to find misnamed files.
+    /// For a sample of the pairs: the other pairs whose targets are compared with the pair's picture, in order to find
+    /// misnamed files.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,

@@ -1,5 +1,5 @@
-//! Combines folders. Equal units are kept once, different units are all kept; a contradiction is an error that states
-//! the reason.
+//! Combines folders. Units that occur in several folders are kept once, all others are added. If folders contradict
+//! each other, the error states how.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -24,7 +24,7 @@ pub struct Named {
     pub path: PathBuf,
 }
 
-/// Why a folder cannot have this name.
+/// A name that a folder cannot have, because it contains a control character.
 #[derive(Debug, thiserror::Error)]
 #[error("the name '{}' contains a control character", .0.escape_debug())]
 pub struct NameError(String);
@@ -32,7 +32,7 @@ pub struct NameError(String);
 impl std::str::FromStr for Named {
     type Err = NameError;
 
-    /// An existing folder with `=` in its path is not split.
+    /// Splits at `=`, unless the whole text is the path of an existing folder.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let plain = Self {
             name: None,
@@ -61,7 +61,7 @@ pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
     join_under(folders, None)
 }
 
-/// Like [`join`], but if `aggregation` is given, averages all results by `aggregation`.
+/// Like [`join`], but if `aggregation` is given, all results are averaged by it, whatever rule the runs used.
 ///
 /// # Errors
 /// Those of [`join`].

@@ -1,12 +1,11 @@
 //! Keys of a unit's stages: each hashes exactly what can change that stage's result.
 //!
-//! * *predict*: the method's identity and code, the source's photograph and camera, its depth if
-//!   the method may see it, the files that the method reads, and for methods that make pictures the
-//!   target's camera.
-//! * *picture*: the prediction; for Gaussians also the target's camera, the renderer with its code,
-//!   and the true depth if they are scaled to it.
-//! * *score*, one per metric: the picture's pixels and region, the ground truth with its mask, the
-//!   metric with its code.
+//! * *predict*: the method's identity and code, the source's photograph and camera, and the files that the method
+//!   reads. Also the source's depth if the method may see it, and the target's camera if the method makes pictures.
+//! * *picture*: the prediction. For Gaussians, also the target's camera, the renderer with its code, and the true depth
+//!   if the Gaussians are scaled to it.
+//! * *score*, one per metric: the picture's pixels and region, the ground truth with its mask, and the metric with its
+//!   code.
 //!
 //! If a file cannot be read, its error is hashed instead: the unit will fail for that reason anyway.
 

@@ -311,7 +311,8 @@ pub struct MethodRecord {
     /// Warnings about the method's options, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// Rendering rules of the method's Gaussian files that neither the files nor the user stated.
+    /// Notes on the rendering rules that were chosen for the method's Gaussian files because neither the files nor the
+    /// user stated one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub drawn: Vec<String>,
     /// Warnings about the method's predictions, one of each kind.
@@ -361,8 +362,8 @@ impl Manifest {
         }
     }
 
-    /// Returns a predicate for the units that count: those whose method and dataset still have the
-    /// same identity.
+    /// Returns a predicate for the units that count: those whose method and dataset still have the identity recorded
+    /// here.
     pub(super) fn counted_slots(&self) -> impl Fn(&Slot) -> bool + '_ {
         let methods = self.methods.iter();
         let methods: BTreeMap<&str, String> = methods

@@ -25,8 +25,8 @@ struct PreparedPair<'a> {
 /// Executes a plan in a folder. Reuses finished units and retries failed ones. If a pair fails, records the failure and
 /// continues.
 ///
-/// While a pair is scored, only the next one is predicted, so at most the pictures of two pairs are in memory, or of
-/// two parts of a pair if the pictures of all methods do not fit. Results do not depend on this.
+/// While a pair is scored, only the next one is predicted. Memory therefore holds the pictures of at most two pairs, or
+/// of two parts of a pair if the pictures of all methods do not fit. Results do not depend on this.
 pub(super) fn run(
     job: &Job,
     folder: &RunFolder,

@@ -63,9 +63,9 @@ impl RunPlan {
 
 /// Estimated cost of a whole evaluation, including finished units.
 ///
-/// Linear in the numbers of sources and pairs. If a method predicts Gaussians, only a source's first pair includes the
-/// prediction. Excludes rescoring by `common_region`. The time of `command` programs is included only in
-/// [`wall_secs`](StageCost::wall_secs).
+/// Times are assumed to grow linearly with the numbers of sources and pairs. If a method predicts Gaussians, only a
+/// source's first pair includes the prediction. Rescoring for `common_region` is not included. The time of `command`
+/// programs is included only in [`wall_secs`](StageCost::wall_secs).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
     /// Number of units (pairs times methods).
@@ -81,7 +81,8 @@ pub struct Estimate {
     /// All stages together. Disk space is that of the finished run folder.
     #[serde(flatten)]
     pub total: StageCost,
-    /// Predicting Gaussians and pictures. Disk space is that of the files passed on if stages run separately.
+    /// Predicting Gaussians and pictures. Disk space is that of the files passed on to the next stage, if stages run
+    /// separately.
     pub predict: StageCost,
     pub render: StageCost,
     pub score: StageCost,

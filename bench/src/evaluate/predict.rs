@@ -124,7 +124,8 @@ enum Failure {
     Waiting,
 }
 
-/// Rejects pictures of the wrong size, and values out of range, which rounding to 8 bit would hide.
+/// Rejects pictures of the wrong size. Also rejects values that are out of range, because rounding to 8 bit would hide
+/// them.
 fn check(prediction: &PicturePrediction, target: (u32, u32)) -> Result<(), MethodError> {
     let refused = |reason: String| MethodError::Model(format!("the prediction {reason}"));
     let checked = prediction.picture.check();
@@ -575,7 +576,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(facts)
     }
 
-    /// A lost device or lack of memory is not the pair's fault: it ends the run, and a restart retries the unit.
+    /// A lost device or lack of memory says nothing about the pair: it ends the run, and a restart retries the unit.
     fn render_failure(&self, method: &dyn Method, error: &RenderError) -> Failure {
         if error.is_device_fault() {
             Failure::Run(EvaluateError::Device {

@@ -257,7 +257,7 @@ fn check_independence(
 }
 
 /// Warns if the list was made from other photographs. Fails if it was made from other poses, because its baselines and
-/// rotations, which are used for sorting and plotting, would be wrong.
+/// rotations would then be wrong, and pairs are sorted and plotted by them.
 fn check_files(
     list: &PairList,
     scenes: &[Scene],

@@ -23,7 +23,7 @@ use crate::pairs::dataset::scenes_of;
 use crate::scoring::rules::{Border, ScoringRules};
 use crate::scoring::{Region, Scoring};
 
-/// Lower bound of the alpha that divides colours, as in UniSHARP's trainer.
+/// Colours are divided by alpha, but by no less than this, as in UniSHARP's trainer.
 const MIN_ALPHA: f32 = 1e-4;
 
 /// How a prediction is converted to the scored picture.

@@ -132,8 +132,8 @@ pub struct Record {
     pub rule_note: Option<String>,
 }
 
-/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if their hashes agree: for
-/// each view, and for a method's Gaussians for each source.
+/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if they agree on the hash of
+/// every view and, for each method, on the hash of every file of Gaussians.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PairFiles {
     /// Hash of the source's camera, photograph, mask and depth.
@@ -205,8 +205,8 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
                 ));
             }
         }
-        // A file of Gaussians may belong to one source or to all sources of a scene, so hashes are compared for each
-        // file.
+        // A file of Gaussians may serve one source or all sources of a scene, so hashes are compared per file, not per
+        // source.
         let Record {
             method, dataset, ..
         } = record;
@@ -214,8 +214,8 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
             && *gaussians.entry([method, dataset, file]).or_insert(hash) != hash
         {
             return Some(format!(
-                "the Gaussians {file} of '{method}' have changed, so some targets were rendered from \
-                 a different file from that of {}",
+                "the Gaussians {file} of '{method}' have changed: some targets were rendered from another version of \
+                 the file than {}",
                 record.pair_id
             ));
         }

@@ -84,7 +84,7 @@ pub fn rescore(
 /// units, but neither manifest nor tables.
 ///
 /// # Errors
-/// If the metrics, or the device or code that computes them, differ from the plan's; otherwise as [`rescore`].
+/// If the metrics, or the device or code that computes them, differ from the plan's; also the errors of [`rescore`].
 pub fn score_shard(
     root: &Path,
     scoring: &Scoring,
@@ -376,7 +376,7 @@ enum Cut {
     Picture(Box<Unscored>),
 }
 
-/// Crops a unit to a region. `size` is the target's.
+/// Crops a unit to a region. `size` is the target's width and height.
 fn cut(folder: &RunFolder, unit: &Unit, common: Region, size: (u32, u32)) -> Cut {
     let mut unit = unit.clone();
     if unit.record.status != Status::Ok {

@@ -96,8 +96,8 @@ impl Current {
         })
     }
 
-    /// Checks that the pair list and the plan have lost no rows since the manifest was written, and that the list
-    /// agrees with the units.
+    /// Checks that no rows have been removed from the pair list and the plan since the manifest was written, and that
+    /// the list agrees with the units.
     fn check_list(&self, folder: &RunFolder, list: &PairList) -> Result<(), EvaluateError> {
         let said = &self.manifest.pairs;
         check_rows(folder, said, &folder.plan()?, list)?;
@@ -116,9 +116,7 @@ impl Current {
         match moved.filter(|_| list.sha256 != said.sha256) {
             Some(unit) => {
                 let pair = &unit.slot.pair_id;
-                let what = format!(
-                    "pairs.csv has cameras for pair '{pair}' that differ from those of the pairs"
-                );
+                let what = format!("pairs.csv has cameras for pair '{pair}' other than those");
                 Err(changed(folder, &what))
             }
             None => Ok(()),
@@ -159,7 +157,7 @@ impl Current {
     }
 }
 
-/// Checks that the pair list and the plan have lost no rows since the manifest was written.
+/// Checks that no rows have been removed from the pair list and the plan since the manifest was written.
 pub(super) fn check_rows(
     folder: &RunFolder,
     said: &PairsRecord,
@@ -210,7 +208,7 @@ impl Results {
     /// Reads a folder, even that of an unfinished run.
     ///
     /// # Errors
-    /// If it is not a run folder, has another format, or its pair list or plan has lost pairs.
+    /// If it is not a run folder, has another format, or pairs have been removed from its pair list or plan.
     pub(super) fn of_folder(root: &Path) -> Result<Self, EvaluateError> {
         let folder = RunFolder::open(root)?;
         let current = Current::read(&folder)?;
@@ -223,7 +221,7 @@ impl Results {
             return Err(EvaluateError::NotKept {
                 folder: folder.root().to_owned(),
                 reason: format!(
-                    "{difference}; run both on the same files, in this folder or another"
+                    "{difference}; evaluate both results on the same files, in this folder or another"
                 ),
             });
         }
@@ -255,7 +253,7 @@ impl Results {
         })
     }
 
-    /// Replaces the labels of methods by those that `renamed` returns.
+    /// Replaces the labels of methods with those that `renamed` returns.
     pub(super) fn relabel(&mut self, renamed: impl Fn(&str) -> String) {
         for record in &mut self.records {
             record.method = renamed(&record.method);

@@ -60,8 +60,8 @@ impl Evaluation {
         if self.common_region && plan.pairs().len() != pairs.len() {
             return Err(refused(
                 out,
-                "it holds pairs that this run does not, but --common-region needs all methods on all pairs; use either \
-                 the same pairs or another folder",
+                "it contains pairs that are not in this run, but --common-region needs all methods on all pairs; use \
+                 either the same pairs or another folder",
             ));
         }
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
@@ -95,7 +95,7 @@ impl Evaluation {
     /// Writes the plan of a run for shards, with its estimated cost.
     ///
     /// # Errors
-    /// If the folder has another run, or the evaluation needs all units at once; also as
+    /// If the folder has another run, or the evaluation needs all units at once (`--common-region`); also the errors of
     /// [`Self::estimate`].
     pub fn plan(
         &self,
@@ -160,7 +160,7 @@ impl Evaluation {
     /// tables.
     ///
     /// # Errors
-    /// If the evaluation, its input files, or the machine and code that compute it differ from the plan; otherwise as
+    /// If the evaluation, its input files, the machine, or the code differs from those of the plan; also the errors of
     /// [`Self::run`].
     pub fn run_shard(
         &self,

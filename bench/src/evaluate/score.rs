@@ -115,8 +115,8 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
-/// Shares of the memory limit for different purposes, in bytes. The rest is for the metrics' networks, the target, and the
-/// picture being rendered.
+/// Parts of the memory limit for different purposes, in bytes. What is left is for the metrics' networks, the target,
+/// and the picture being rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryShares {
     /// Share for the Gaussians of a source.
@@ -137,8 +137,8 @@ impl MemoryShares {
         }
     }
 
-    /// How many predictions of a target to pass to [`score_pair`] at once, at least 1. While these are scored, as many
-    /// others are prepared.
+    /// How many predictions of a target to pass to [`score_pair`] at once, at least 1. Memory must also hold as many
+    /// again, which are prepared meanwhile.
     pub(super) fn pictures_of(self, target: &View) -> usize {
         let picture = 3 * u64::from(target.intrinsics.width) * u64::from(target.intrinsics.height);
         (self.pictures / (2 * picture).max(1)).max(1) as usize

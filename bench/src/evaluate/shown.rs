@@ -44,7 +44,8 @@ pub struct ShownError {
 }
 
 impl Shown {
-    /// The selected results. Results to be compared are passed together, because a name need only exist in one of them.
+    /// The selected results. Results that will be compared are passed together: a name is an error only if none of them
+    /// has it.
     ///
     /// # Errors
     /// If a name is in none of the results, or two methods of one of them would have the same name.

@@ -93,8 +93,8 @@ impl RunProgress {
     }
 }
 
-/// Of `count` shards, the numbers (from 1) of those with units that have no result. With `retry_failed`, shards with
-/// failed units are included.
+/// The numbers (from 1) of those of `count` shards that have a unit without a result. With `retry_failed`, also of
+/// shards that have a failed unit.
 ///
 /// # Errors
 /// Those of [`RunProgress::read`]; also if `count` is out of range.
@@ -131,9 +131,9 @@ fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
     Ok((plan, current))
 }
 
-/// Number of units finished within [`WINDOW`] before the last one, and the seconds that they took. The first of them
-/// only marks the start and is not counted. `None` if only one unit finished in that period, or if the last one
-/// finished longer ago than [`WINDOW`].
+/// Number of units that finished within [`WINDOW`] before the last one, and the seconds that they took. The first of
+/// these units is not counted, because its end only marks the start of the period. `None` if only one unit finished in
+/// the period, or if the last one finished longer ago than [`WINDOW`].
 fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
     times.sort();
     let last = *times.last()?;

@@ -88,8 +88,8 @@ pub struct StoredScore {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Timing {
     /// Wall time of inference without reading files, measured while an earlier pair was being scored. For methods that
-    /// predict Gaussians, the time of inference on the source, repeated for every target and method that uses it; for
-    /// other methods, the time for the pair.
+    /// predict Gaussians, it is the time of inference on the source, and every target and method that uses this
+    /// inference has the same value. For other methods, it is the time for the pair.
     pub predict_secs: f64,
     /// Wall time of placing and rendering the Gaussians; 0 for methods that make pictures.
     #[serde(default)]
@@ -146,7 +146,8 @@ impl Unit {
             && check_label(method).is_ok()
     }
 
-    /// The unit with a failed score reset, so that scoring is retried; `None` if there is no picture.
+    /// The unit with its status reset to success, so that failed scoring is retried; `None` if there is no picture to
+    /// score.
     pub(super) fn scorable(mut self) -> Option<Self> {
         self.picture.as_ref()?;
         self.record.status = Status::Ok;

@@ -33,7 +33,7 @@ pub enum NoCamera {
     Io(#[from] std::io::Error),
     #[error(transparent)]
     Json(#[from] serde_json::Error),
-    #[error("K has a skew or a last row other than 0 0 1, which no renderer here supports")]
+    #[error("K has a skew, or a last row other than 0 0 1; no renderer here supports either")]
     Skew,
     #[error(transparent)]
     Camera(#[from] CameraError),

@@ -1,4 +1,5 @@
-//! Files that are written once. A description file, written last, lists their hashes.
+//! Files of an export, which are written only if missing or outdated. A description file, written last, lists their
+//! hashes.
 
 use std::collections::BTreeMap;
 use std::path::Path;

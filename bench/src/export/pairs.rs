@@ -1,8 +1,8 @@
 //! Exports the pairs of a list as folders: `OUT/<pair_id>/{source.png, pair.json}`, optionally with
 //! `target.png` and depth.
 //!
-//! `pair.json` is written last and contains the names and SHA-256 of the pair's files, and a hash of everything that
-//! determines them, so that a later export completes missing pairs and replaces those whose dataset changed.
+//! `pair.json` is written last. It contains the names and SHA-256 of the pair's files, and a hash of everything that
+//! determines them. A later export can therefore complete missing pairs and replace those whose dataset changed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -24,18 +24,17 @@ use crate::pairs::description::{FORMAT, PairDescription};
 use crate::pairs::pair_id::path_of;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// Which files to write in addition to the source's picture and the cameras, and the settings with
-/// which the datasets were read.
+/// What to write in addition to the source's picture and the cameras, and how the datasets were read.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ExportOptions {
     /// Write `target.png`, the ground truth.
     pub target: bool,
     /// Write `source_depth.npy` and `target_depth.npy`, float32 metres; skipped for views without depth.
     pub depth: bool,
-    /// Reader settings, keyed by dataset; they determine the meaning of depth. If they change, the pairs are exported
-    /// again.
+    /// The settings with which each dataset was read, keyed by dataset name. They affect depth; if they change, the
+    /// pairs are exported again.
     pub readings: BTreeMap<String, String>,
-    /// Scales for which cameras are written, each with the folder name of its predictions.
+    /// Factors for the cameras' translation, each with the folder name for the predictions made with these cameras.
     pub scales: Vec<(String, f64)>,
 }
 
@@ -43,7 +42,7 @@ pub struct ExportOptions {
 pub struct Exported {
     pub written: usize,
     pub kept: usize,
-    /// Number of views without the requested depth.
+    /// Number of views whose depth was requested but that have none.
     pub without_depth: usize,
 }
 

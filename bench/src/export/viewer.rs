@@ -73,7 +73,8 @@ impl ViewerPage<'_> {
 }
 
 impl Viewer<'_> {
-    /// Indices of the views for which [`Self::write`] embeds pictures: evenly spread, including the first and the last.
+    /// Indices of the views whose pictures [`Self::write`] embeds: evenly spaced, including the first and the last
+    /// view.
     pub fn pictured(&self) -> Vec<usize> {
         let last = self.views.len().saturating_sub(1);
         let mut chosen: Vec<usize> = (0..PICTURES).map(|i| i * last / (PICTURES - 1)).collect();
@@ -158,7 +159,8 @@ impl Viewer<'_> {
     }
 }
 
-/// The Gaussians that can be visible, in their original order, which breaks ties between equal depths.
+/// The Gaussians that can be visible. Their order is kept, because it decides which of two Gaussians at equal depth is
+/// drawn first.
 fn drawable(scene: &Gaussians) -> Gaussians {
     scene.filtered(|k| scene.is_finite(k) && scene.opacities[k] >= 1.0 / 255.0)
 }
@@ -171,8 +173,8 @@ fn rows(map: &DAffine3) -> [[f64; 4]; 3] {
     std::array::from_fn(|i| [rows[i].x, rows[i].y, rows[i].z, offset[i]])
 }
 
-/// Columns of means, opacities, quaternions, scales, colours and harmonics, as f32 split into byte
-/// planes, which deflate compresses to about three quarters.
+/// Means, opacities, quaternions, scales, colours and harmonics as columns of f32. Each column is split into byte
+/// planes, because deflate then compresses it to about three quarters.
 fn packed(scene: &Gaussians) -> io::Result<Vec<u8>> {
     let harmonics = &scene.harmonics;
     let arrays = [

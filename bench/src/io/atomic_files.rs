@@ -44,9 +44,8 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     file.commit()
 }
 
-/// Like [`write_atomic`], but without syncing to disk, for many small files that can be
-/// regenerated. A reader, or a restart after a kill, sees the complete content or none; after a
-/// power loss the file may be empty.
+/// Like [`write_atomic`], but does not sync to disk. For many small files that can be regenerated. A reader, or a
+/// restart after a kill, sees the complete content or none; after a power loss the file may be empty.
 pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     let mut file = PartialFile::create(path)?;
     file.write_all(bytes)
@@ -62,8 +61,8 @@ pub fn write_over_own(path: &Path, bytes: &[u8], mark: &str) -> Result<(), FileE
     write_all_over_own(&[(path, bytes, mark)]).map(drop)
 }
 
-/// Like [`write_over_own`] for several files, each with its mark. Checks all files before writing
-/// the first, so that either all are written or none. Returns the paths.
+/// Like [`write_over_own`] for several files, each with its mark. All files are checked before the first is written, so
+/// nothing is written if one of them is of another kind. Returns the paths.
 pub fn write_all_over_own(
     files: &[(impl AsRef<Path>, impl AsRef<[u8]>, &str)],
 ) -> Result<Vec<PathBuf>, FileError> {
@@ -134,8 +133,8 @@ impl PartialFile {
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
             loop {
                 let file = builder.tempfile_in(folder)?;
-                // The lock marks the file as in use. Another process may have removed it as
-                // abandoned before it was locked.
+                // The lock marks the file as in use. Before it is taken, another process may remove the file as
+                // abandoned; then try again.
                 let locked = file.as_file().lock();
                 if locked.is_err() || file.path().exists() {
                     return Ok(file);
@@ -244,10 +243,9 @@ pub fn scratch_folder(within: &Path) -> Result<TempDir, FileError> {
     made.map_err(FileError::new(within, "write into"))
 }
 
-/// Removes leftovers of killed processes in `folder`, and recursively in its subfolders named in
-/// `below` (in all subfolders if `below` is empty). Removes only entries unchanged for longer than
-/// `age`; an age of zero removes all, and is for folders where no other process writes. Entries
-/// that cannot be removed are harmless and stay.
+/// Removes leftovers of killed processes in `folder`, and recursively in its subfolders named in `below` (in all
+/// subfolders if `below` is empty). Only entries unchanged for longer than `age` are removed. An age of zero removes
+/// all, so use it only for folders where no other process writes. Entries that cannot be removed are harmless and stay.
 pub fn remove_leftovers(folder: &Path, below: &[&str], age: Duration) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let (path, name) = (entry.path(), entry.file_name());

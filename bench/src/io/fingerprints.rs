@@ -1,6 +1,6 @@
-//! For each stage, a hash of the sources, locked dependencies and compiler that determine its
-//! results, computed when the harness was built. Equal fingerprints mean equal code; changes to
-//! reports or help texts do not affect them.
+//! One hash per stage, computed when the harness was built, of everything in the code that determines the stage's
+//! results: sources, locked dependencies and compiler. Equal fingerprints mean equal code. Changes to reports or help
+//! texts do not affect them.
 
 use std::collections::BTreeMap;
 

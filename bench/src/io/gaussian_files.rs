@@ -80,14 +80,13 @@ pub enum GaussianFileError {
     },
 }
 
-/// Reads `.safetensors` (extension in any case), with arrays `means` `[N, 3]`, `quats_wxyz`
-/// `[N, 4]`, `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear` `[N, 3]` or `sh`
-/// `[N, (degree + 1)², 3]`. The format of any other file is detected from its content
-/// ([`sharp::gaussian_files`]).
+/// Reads a scene of Gaussians. A file named `.safetensors` (in any case) has the arrays `means` `[N, 3]`, `quats_wxyz`
+/// `[N, 4]`, `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear` `[N, 3]` or `sh` `[N, (degree + 1)², 3]`. The
+/// format of any other file is detected from its content ([`sharp::gaussian_files`]).
 ///
-/// `reading` states how numbers are stored, and how colours are encoded if the file does not state it. `rule`
-/// determines the colour space for blending. If it is `None`, the rule that the file states is used, or SHARP's if
-/// the encoding of colours is known and nothing suggests another rule.
+/// `reading` states how numbers are stored, and how colours are encoded if the file does not say so itself. `rule`
+/// determines the colour space for blending. If `rule` is `None`, the rule stated in the file is used. If the file
+/// states none, SHARP's rule is used, provided that the encoding of colours is known and nothing suggests another rule.
 pub fn read(
     path: &Path,
     reading: impl Into<StoredForm>,

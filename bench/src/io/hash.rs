@@ -61,7 +61,7 @@ impl HashedFile {
         Ok(Self::new(path, file_sha256(path)?, stamp))
     }
 
-    /// A file hashed elsewhere; its stamp must be from before hashing.
+    /// A file that the caller has hashed. `stamp` must have been taken before hashing.
     pub fn new(path: &Path, sha256: String, stamp: FileStamp) -> Self {
         Self {
             path: path.to_owned(),

@@ -52,7 +52,7 @@ pub struct PictureReading {
     pub exr: Option<ExrTransfer>,
 }
 
-/// A picture, and a note for each conversion that affects scores. A note names the setting for its
+/// A picture, and a note for each conversion that affects scores. The note names the setting that controls the
 /// conversion.
 #[derive(Debug)]
 pub struct ReadPicture {
@@ -62,7 +62,7 @@ pub struct ReadPicture {
     pub is_jpeg: bool,
 }
 
-/// Largest plausible ratio of lossless picture compression.
+/// Largest plausible ratio of decoded to stored bytes for a losslessly compressed picture.
 const MAX_COMPRESSION: u64 = 1 << 11;
 
 /// Whether the name ends in one of [`EXTENSIONS`], in any case.
@@ -123,7 +123,7 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
 }
 
 /// Width and height from the header of a compressed picture; `None` for arrays, which need no more memory than their
-/// files. A picture with an EXIF orientation needs a stated rule for reading it.
+/// files. If the picture has an EXIF orientation, `rules` must say how to treat it.
 ///
 /// # Errors
 /// Those errors of [`read_as`] that the header reveals.
@@ -187,7 +187,7 @@ fn malformed(path: &Path, reason: impl Into<String>) -> ReadError {
     }
 }
 
-/// Size of the first layer. It determines how much memory is allocated, so it must be plausible for the file's size.
+/// Size of the first layer. Reading allocates memory for this size, so it must be plausible for the file's size.
 fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     let bytes = std::fs::metadata(path)
         .map_err(|error| malformed(path, error.to_string()))?

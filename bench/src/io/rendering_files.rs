@@ -60,8 +60,8 @@ fn png(
         .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))
 }
 
-/// EXR layer attribute with the colours' transfer function. Files of other programs do not have it, so users must state
-/// the function.
+/// Name of the EXR layer attribute with the colours' transfer function. Other programs do not write it, so users must
+/// state the function for their files.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
 
 /// Writes RGB as blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated

@@ -75,9 +75,8 @@ pub fn shortened(text: &str, longest: usize) -> Cow<'_, str> {
     .into()
 }
 
-/// For readers on other machines, shortens absolute paths to the part after the last slash:
-/// `/home/me/a.png` becomes `…/a.png`. A path ends at a blank, a quote or other punctuation that
-/// ends a phrase.
+/// Shortens absolute paths to the part after the last slash, for readers on other machines: `/home/me/a.png` becomes
+/// `…/a.png`. A path is taken to end at a blank, a quote, or punctuation that ends a phrase.
 pub fn without_folders(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -131,7 +130,7 @@ pub fn csv_bytes<R: IntoIterator<Item: AsRef<[u8]>>>(
     writer.into_inner().unwrap_or_default()
 }
 
-/// The text of a cell written by [`csv_cell`] or by another program.
+/// The text of a CSV cell, without the prefix that [`csv_cell`] may have added. Cells of other programs are unchanged.
 pub fn csv_text(cell: &str) -> &str {
     match cell.strip_prefix('\'') {
         Some(text) if is_formula(text) => text,

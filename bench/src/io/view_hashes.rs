@@ -14,12 +14,12 @@ use crate::io::hash::{HashedFile, sha256_hex};
 /// A file and its hash, once known; locked while the hash is computed.
 type HashSlot = Arc<Mutex<Option<HashedFile>>>;
 
-/// Hashes of procedural views by the address of their content; holding the `Arc` keeps the address
-/// from being reused.
+/// Hashes of procedural views, keyed by the address of their content. Holding the `Arc` ensures that the address is not
+/// reused.
 type ProceduralHashes = BTreeMap<usize, (Arc<dyn ViewContent>, String)>;
 
-/// Caches file hashes for its lifetime. A cached hash stays the same if the file changes; [`changed`](Self::changed)
-/// finds such files.
+/// Computes each file's hash once and keeps it. A kept hash is not updated if the file changes;
+/// [`changed`](Self::changed) finds such files.
 #[derive(Debug, Default)]
 pub(crate) struct ViewHashes {
     files: Mutex<BTreeMap<PathBuf, HashSlot>>,

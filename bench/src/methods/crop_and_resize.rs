@@ -102,7 +102,7 @@ impl FitRules {
     }
 
     /// The part of a target that a picture of size `own` covers; `None` for the whole target. `sidecar` is the region
-    /// from the picture's sidecar file. Errors do not name the file.
+    /// read from the picture's sidecar file, if there is one. Errors do not name the file.
     pub(super) fn region(
         &self,
         target: (u32, u32),
@@ -116,7 +116,7 @@ impl FitRules {
             CropRule::CenterOfOwnAspect => own.and_then(|own| Region::centered(own, target)),
             CropRule::Sidecar => sidecar,
         };
-        let region = region.ok_or("the crop is not known")?;
+        let region = region.ok_or("the part of the target that the picture covers is not known")?;
         if !region.fits(target) {
             return Err(format!(
                 "the crop {region} is not inside the target, {}x{}",

@@ -20,12 +20,13 @@ use crate::io::pictures::planes;
 
 /// SHARP's initializer and composer on ground-truth depth, rendered by our renderer.
 ///
-/// The source's depth fills both layers, resized by nearest neighbour to a square of
-/// [`Self::resolution`] pixels, as the release resizes all inputs; the photograph is resized
-/// bilinearly with aligned corners. Pooling and the global minimum use valid pixels only; blocks
-/// without a valid pixel are dropped. Deltas are zero. Gaussians are placed by the affine map E_t
-/// E_s⁻¹ K_s⁻¹ with the dataset's own intrinsics, composited over black in linear light, encoded to
-/// sRGB and rounded to 8 bit.
+/// The source's depth, resized by nearest neighbour, fills both layers. The photograph is resized bilinearly with
+/// aligned corners. Both become squares of [`Self::resolution`] pixels, as the release resizes all inputs. Pooling and
+/// the global minimum use valid pixels only; blocks without a valid pixel are dropped. All deltas, which the network
+/// would predict, are zero.
+///
+/// Gaussians are placed by the affine map E_t E_s⁻¹ K_s⁻¹ with the dataset's own intrinsics, composited over black in
+/// linear light, encoded to sRGB and rounded to 8 bit.
 ///
 /// Extras: `dropped_blocks` (blocks of both layers without valid depth).
 #[derive(Debug, Clone)]

@@ -94,14 +94,15 @@ impl Axes {
     }
 }
 
-/// The space of the Gaussians in a file.
+/// Where the Gaussians of a file are: their coordinate space, and what maps the file's numbers to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     pub space: FileSpace,
     pub axes: Axes,
     /// Unit of the file in metres.
     pub scale: f64,
-    /// Map from the file's coordinates, in OpenCV's axes and metres, to `space`.
+    /// Additional map, applied after the axes have been converted to OpenCV's and the unit to metres; its result is in
+    /// `space`.
     pub transform: Option<DAffine3>,
     /// Shift (right, down) of the whole scene as seen by the source's camera, in pixels.
     pub shift: [f64; 2],
@@ -159,8 +160,8 @@ impl Placement {
         ]
     }
 
-    /// Map from the file's coordinates to the source's camera. For [`FileSpace::Target`], pass the target's camera as
-    /// `source`.
+    /// Map from the file's coordinates to the camera space of `source`, in metres. For [`FileSpace::Target`], pass the
+    /// target's camera as `source`.
     pub fn camera_from_file(&self, source: &PosedCamera) -> DAffine3 {
         let Intrinsics { fx, fy, .. } = source.intrinsics;
         let own = DAffine3::from_mat3(self.axes.matrix() * self.scale);

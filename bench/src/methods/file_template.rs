@@ -111,8 +111,8 @@ fn is_below(path: &Path) -> bool {
     parts.clone().next().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// A message that suggests the template by which most of the pairs' files are found in a folder; `None` if no template
-/// finds any. `extensions` are those of the method's files.
+/// A message that suggests a value for `file=`: the template that finds the most of the pairs' files in the folder.
+/// `None` if no template finds any. `extensions` are the file extensions that the method reads.
 pub(super) fn suggestion(
     folder: &Path,
     ids: &BTreeSet<String>,

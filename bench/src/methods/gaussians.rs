@@ -25,7 +25,7 @@ use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::{path_of, source_of};
 use crate::rendering::pose_alignment;
 
-/// Principal points count as equal if they differ by at most this along both axes, in pixels.
+/// A file's principal point counts as equal to the dataset's if it is within this many pixels along both axes.
 const MIN_SHIFT: f64 = 0.75;
 
 /// Extras that count Gaussians dropped by the renderer, and the reasons as text.
@@ -39,13 +39,13 @@ pub const UNUSABLE: [(&str, &str); 2] = [
 /// `DIR/<dataset>/<scene>.ply`; with `space=target`, reads `DIR/<pair_id>.ply`. `file=` overrides
 /// the path with a template of `{dataset} {scene} {source} {target} {pair}`.
 ///
-/// Unless [`FileReading`]'s settings differ, the Gaussians are in the source's camera space,
-/// metres, OpenCV axes, as written by `sharp predict` and `sharp-bench predict`. Any camera stored
-/// in a file is ignored: the dataset's poses and intrinsics place and render the Gaussians. If a
-/// PLY does not state the encoding of its colours, `color_space=` must. Gaussians that are not
-/// finite or have a quaternion of zero are dropped, counted in the extras `not_finite` and
-/// `zero_quaternions`, and warned about. Stored numbers that contradict the settings also cause a
-/// warning.
+/// By default, the Gaussians are in the source's camera space, in metres, with OpenCV's axes, as written by `sharp
+/// predict` and `sharp-bench predict`; [`FileReading`] has the settings for other files. A camera stored in a file is
+/// ignored: the dataset's poses and intrinsics place and render the Gaussians. If a PLY does not state the encoding of
+/// its colours, `color_space=` is required.
+///
+/// Gaussians that are not finite or have a quaternion of zero are dropped, counted in the extras `not_finite` and
+/// `zero_quaternions`, and warned about. Stored numbers that contradict the settings also cause a warning.
 #[derive(Debug)]
 pub struct GaussianFiles {
     label: String,
@@ -93,8 +93,8 @@ impl GaussianFiles {
             None | Some("source") => None,
             Some(text) => Some(TrainingViews::read(text).map_err(|reason| spec.refused(reason))?),
         };
-        // If all sources of a scene share a file, its Gaussians were made from several views, unless the user states
-        // otherwise.
+        // A file that serves all sources of a scene is assumed to have been made from several views of it. The user can
+        // state otherwise.
         let is_of_scene = reading.placement.space == FileSpace::World
             && match &file {
                 Some(template) => !template.names(&["source", "target", "pair"]),
@@ -175,8 +175,8 @@ fn size(path: &Path) -> u64 {
     inside.unwrap_or_else(|_| of_file(path))
 }
 
-/// Warns if a file was made for a principal point that differs from the dataset's. SHARP assumes that it is at the
-/// centre of the photograph.
+/// Warns if a file was made for a principal point that differs from the dataset's. SHARP assumes the centre of the
+/// photograph.
 fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String> {
     let is_same_size = (stored.width, stored.height) == (own.width, own.height);
     let by = [stored.cx - own.cx, stored.cy - own.cy].map(|by| (by * 1000.0).round() / 1000.0);

@@ -26,10 +26,12 @@ use crate::scoring::Region;
 /// ([`PictureReading`](crate::io::pictures::PictureReading)). Like all predictions, the pictures
 /// are rounded to 8 bit.
 ///
-/// A picture must have the target's size, unless `resize=KERNEL` sets the kernel for pictures of another size with the
-/// same aspect ratio, or `crop=` sets the part of the target that the picture covers: `x:y:w:h` in pixels of the
-/// target, `center:W:H` for the largest centred part with that aspect ratio, `center` for the largest one with the
-/// picture's own, `sidecar` for `DIR/<pair_id>.json` with `{"crop": [x, y, width, height]}`.
+/// A picture of another size than the target's is an error unless one of these settings explains it:
+///
+/// * `resize=KERNEL`: the kernel for resizing pictures of the same aspect ratio.
+/// * `crop=`: the part of the target that the picture covers. `x:y:w:h` is in pixels of the target, `center:W:H` is the
+///   largest centred part with that aspect ratio, `center` is the largest one with the picture's own aspect ratio, and
+///   `sidecar` reads the part from `DIR/<pair_id>.json`, which contains `{"crop": [x, y, width, height]}`.
 #[derive(Debug, Clone)]
 pub struct Imported {
     label: String,

@@ -83,7 +83,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "depth=none|privileged",
-                "privileged: scale the prediction by the median of true over predicted depth",
+                "privileged: scale the prediction by the median ratio of true to predicted depth",
             ),
             (
                 "device=cpu|candle-cpu|cuda|metal|auto",
@@ -119,7 +119,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "depth=none|privileged",
-                "privileged: scale the Gaussians by the median of true over rendered depth",
+                "privileged: scale the Gaussians by the median ratio of true to rendered depth",
             ),
             (
                 "color_space=linear|srgb",
@@ -164,7 +164,7 @@ pub const KINDS: [MethodKind; 8] = [
             ("scale=S", "unit of the file in metres"),
             (
                 "transform=FILE.json",
-                "nerfstudio's dataparser_transforms.json, which is undone, or a matrix of 4 rows from the file to space=",
+                "nerfstudio's dataparser_transforms.json, whose effect is undone, or a matrix of 4 rows that maps the file's coordinates to space=",
             ),
             (
                 "shift=X:Y",
@@ -197,7 +197,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "resize=bilinear|bilinear-antialias|bicubic|lanczos|area",
-                "how to resize pictures of another size; otherwise an error",
+                "kernel for resizing pictures of another size, which are an error without it",
             ),
             (
                 "crop=x:y:w:h|center:W:H|center|sidecar",
@@ -209,7 +209,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "scales=0.5+1+2",
-                "read DIR/<scale>/<pair_id>.png for each scale; with --scale-sweep",
+                "read DIR/<scale>/<pair_id>.png for each scale; needs --scale-sweep",
             ),
         ],
         build: |spec, chooser| swept(spec, chooser, Imported::from_spec(spec)?),
@@ -241,7 +241,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "scales=0.5+1+2",
-                "request each pair once per scale, which the request states; with --scale-sweep",
+                "request each pair once per scale, with the scale in the request; needs --scale-sweep",
             ),
             (
                 "resize=…, crop=x:y:w:h|center:W:H, alpha=…, color=…, orientation=…, exr=…",
@@ -255,8 +255,10 @@ pub const KINDS: [MethodKind; 8] = [
 /// A method with its spec; `None` for a method passed in as code.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the methods, whose labels must be unique. Scores with `align=pose` mean little alone, so each such method is
-/// also added without it, unless that is listed already. `chooser` picks the scale for methods that predict several.
+/// Builds the methods; their labels must be unique. `chooser` picks the scale for methods that predict several.
+///
+/// Scores with `align=pose` say little without a comparison. Each such method is therefore also evaluated without it,
+/// even if that is not requested.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,
@@ -283,7 +285,7 @@ pub fn build(
         .map(|spec| {
             if !labels.insert(spec.label.as_str()) {
                 return Err(spec.error(format!(
-                    "the label '{}' is taken; give this one label=NAME",
+                    "the label '{}' is taken; give this method another one with label=NAME",
                     spec.label
                 )));
             }

@@ -139,7 +139,7 @@ pub struct PicturePrediction {
     pub resized_from: Option<(u32, u32)>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// One sentence on each conversion of the file that the user did not request. It names the setting for the conversion.
+    /// For each conversion of the file that the user did not request, a sentence that names the setting for it.
     pub notes: Vec<String>,
 }
 
@@ -197,8 +197,7 @@ pub struct GaussianPrediction {
     pub rule_note: Option<String>,
 }
 
-/// Everything except the pair that a method's predictions depend on, printed as
-/// `kind(key=value,…)`.
+/// Everything that a method's predictions depend on, apart from the pair itself. Printed as `kind(key=value,…)`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct MethodIdentity {
     /// The kind in `--method KIND`.
@@ -300,15 +299,15 @@ pub trait Method: Send + Sync {
         Vec::new()
     }
 
-    /// Files that the prediction for this pair depends on, apart from the pair's own.
+    /// Files of the method, not of the dataset, that the prediction for this pair depends on.
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())
     }
 
-    /// Checks whether the files of these pairs exist, before the first prediction.
+    /// Checks before the first prediction whether the method's files for these pairs exist.
     ///
     /// # Errors
-    /// If no file is at its expected place, but some are elsewhere; the error names their place.
+    /// If no file is at its expected place, but some are elsewhere; the error names that place.
     fn check_files(&self, _pair_ids: &BTreeSet<String>) -> Result<(), String> {
         Ok(())
     }

@@ -3,7 +3,7 @@
 //! * [`method`]: the traits, with their input and output.
 //! * [`spec`]: an instance on the command line, `KIND[:key=value,…]`; [`kinds`]: builds instances
 //!   from specs.
-//! * [`trivial`]: `target`, `copy` and `mean`, which mark the ends of the scale.
+//! * [`trivial`]: `target`, `copy` and `mean`, as reference points for scores.
 //! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer and composer.
 //! * [`sharp`]: the SHARP network.
 //! * [`gaussians`]: Gaussians of an external method; [`file_reading`]: how their files are read.

@@ -6,7 +6,8 @@ use std::path::Path;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::Deserialize;
 
-/// Columns count as equally long and orthogonal if they are off by at most this, relative to their squared length.
+/// Largest deviation at which a matrix's columns count as equally long and orthogonal, as a share of their squared
+/// length.
 const SIMILARITY: f64 = 1e-3;
 
 #[derive(Deserialize)]

@@ -20,9 +20,9 @@ pub struct Privilege {
 pub enum TrueDepth {
     #[default]
     None,
-    /// Only the scale of the true depth: predicted Gaussians are scaled about the source camera by the median of true
-    /// over predicted depth (the paper's "privileged depth evaluation", eq. global_scale). The predicted depth is the
-    /// method's first depth layer, or else that of its Gaussians rendered from the source camera. The method itself
+    /// Only the scale of the true depth: predicted Gaussians are scaled about the source camera by the median ratio of
+    /// true to predicted depth (the paper's "privileged depth evaluation", eq. global_scale). The predicted depth is
+    /// the method's first depth layer, or else that of its Gaussians rendered from the source camera. The method itself
     /// does not get the true depth.
     DepthScale,
     SourceDepth,
@@ -40,8 +40,8 @@ impl Privilege {
         }
     }
 
-    /// One phrase per privilege. The use of true depth itself has no phrase, because the descriptions of methods that
-    /// use it say so.
+    /// One phrase per privilege. Methods that see the true depth itself have no phrase here, because their descriptions
+    /// mention it.
     pub fn phrases(self) -> impl Iterator<Item = &'static str> {
         let scale = self.depth == TrueDepth::DepthScale;
         [

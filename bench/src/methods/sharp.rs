@@ -21,7 +21,7 @@ use crate::io::hash::{FileStamp, HashedFile};
 /// The SHARP network.
 ///
 /// Uses the photograph as the dataset provides it. The disparity factor is the dataset's focal length divided by the
-/// width (f_x / W). `depth=privileged` is [`TrueDepth::DepthScale`], with which a source without depth fails.
+/// width (f_x / W). `depth=privileged` is [`TrueDepth::DepthScale`]; with it, pairs fail if their source has no depth.
 pub struct Sharp {
     label: String,
     network: NetworkSpec,
@@ -66,8 +66,8 @@ impl Sharp {
             ..named.map_err(|error| refused(&error))?
         };
         let sharp = Self::new(&spec.label, network, depth).map_err(|error| refused(&error))?;
-        // If the official checkpoint was searched for rather than named, it must be the one used before. An unwritable
-        // cache is not an error.
+        // If the official checkpoint was searched for rather than named, it must be the same file as at its first use.
+        // A cache that cannot be written is not an error.
         if let (None, Some(record)) = (checkpoint, record_file(RELEASE_FILE)) {
             let Self {
                 network, identity, ..

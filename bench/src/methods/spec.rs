@@ -81,7 +81,8 @@ impl MethodSpec {
         self.options.get(key).map(String::as_str)
     }
 
-    /// Parses `depth=none|privileged`; the argument is the meaning of `privileged` for this kind.
+    /// Parses `depth=none|privileged`; for `privileged`, returns the argument, which is the use of true depth that this
+    /// kind supports.
     pub(super) fn depth(&self, privileged: TrueDepth) -> Result<TrueDepth, SpecError> {
         match self.option("depth") {
             None | Some("none") => Ok(TrueDepth::None),

@@ -1,4 +1,4 @@
-//! Methods without prediction, which mark the ends of every metric's scale.
+//! Methods without prediction, as reference points: `target` is perfect, `copy` and `mean` are poor.
 
 use image::{Rgb, RgbImage};
 

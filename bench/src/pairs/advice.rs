@@ -30,7 +30,7 @@ pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
     )
 }
 
-/// Advice if views were left out (`broken`), no pair was selected, or depth is too sparse for the
+/// Advice for one dataset, if views were left out (`broken`), no pair was selected, or its depth is too sparse for the
 /// options.
 pub(super) fn advice(
     dataset: &DatasetSpec,
@@ -39,7 +39,7 @@ pub(super) fn advice(
     options: &PairOptions,
 ) -> Vec<String> {
     let left_out = left_out(&dataset.name, counts, broken);
-    // If all views are broken, nothing else helps.
+    // If every view is broken, changing the options cannot help.
     let is_all = counts.selected == 0 && counts.with_depth == 0 && left_out.is_some();
     let pairs = match is_all {
         true => None,
@@ -119,15 +119,15 @@ pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option
 
 fn sparseness(counts: &PairCounts) -> String {
     format!(
-        "its depth is sparse (in {1} of {2} with depth, fewer than {0} % of the pixels with depth have a neighbour \
-         with depth), but overlap=ground-truth needs depth at exactly the pixel where a point lands",
+        "its depth is sparse (in {1} of {2} with depth, fewer than {0} % of the measured pixels have a measured \
+         neighbour), but overlap=ground-truth needs depth at exactly the pixel where a point lands",
         100.0 * SPARSE_DENSITY,
         counts.with_sparse_depth,
         counted(counts.with_depth, "view")
     )
 }
 
-/// Explains to users of a dataset without depth where depth could come from.
+/// Advice for a dataset without depth: where depth could be obtained, or how to do without it.
 fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
     let (format, split) = (dataset.entry.format, dataset.setting("split"));
     if options.depth.is_ground_truth() && format == "scannetpp" && split.starts_with("nvs_test") {
@@ -140,7 +140,7 @@ fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
     let scaled = if options.depth.is_ground_truth() {
         ""
     } else {
-        ", but all overlap depth except overlap=given-metric is scaled to the dataset's"
+        ", but depth from elsewhere is scaled to the dataset's own (except with overlap=given-metric)"
     };
     format!(
         "no view has depth{scaled}; `datasets check` lists the missing files; without them, either use depth maps \
@@ -217,7 +217,7 @@ mod tests {
     fn sparse_depth_is_told_from_little_overlap() {
         let eth3d = said("eth3d=/x", "", depth(10, 9)).unwrap();
         for part in [
-            "in 9 of 10 views with depth, fewer than 30 % of the pixels with depth",
+            "in 9 of 10 views with depth, fewer than 30 % of the measured pixels",
             "overlap=given with --overlap-depth",
             "sharp-release",
             "sparse:8",
@@ -256,7 +256,10 @@ mod tests {
         let other = said("scannetpp=/x,split=nvs_sem_val", "", depth(0, 0)).unwrap();
         assert!(other.contains("given-metric"), "{other}");
         let scaled = said("eth3d=/x", "overlap=sharp-release", depth(0, 0)).unwrap();
-        assert!(scaled.contains("is scaled to the"), "{scaled}");
+        assert!(
+            scaled.contains("is scaled to the dataset's own"),
+            "{scaled}"
+        );
         let near = PairCounts {
             too_near: 90,
             ..depth(0, 0)

@@ -12,13 +12,13 @@ use super::dataset::OpenDataset;
 use super::options::PairOptions;
 use super::overlap_cache::OverlapCache;
 
-/// The only subject whose choices also apply to stereo datasets.
+/// The subject of choices that also apply to stereo datasets; all other subjects apply to multi-view datasets only.
 const SAMPLING: &str = "sampling";
 
 /// Subject of alternative reader settings.
 const READING: &str = "dataset reading";
 
-/// Changes, grouped by subject, as texts of [`PairOptions`] separated by spaces.
+/// The alternatives, grouped by subject. Each is a text that [`PairOptions`] parses; spaces separate them.
 const ALTERNATIVES: [(&str, &str); 10] = [
     ("threshold", "threshold=0.5 threshold=0.7 at-threshold=in"),
     (
@@ -79,9 +79,10 @@ pub struct OtherReading {
     pub scenes: Result<Vec<Scene>, String>,
 }
 
-/// Counts pairs under the base options (first result), under each applicable alternative, and under other readings of
-/// the datasets. Stereo datasets are counted only under choices that apply to them. Overlaps are measured once per way
-/// of measuring and stored in the context's cache, or else in memory. Calls `advance(done, all)` after each count.
+/// Counts pairs under the base options (the first result), under each applicable alternative, and under other readings
+/// of the datasets. Stereo datasets are counted only under choices that apply to them. Overlaps are measured once for
+/// each set of measuring options; they are kept in the context's cache or, without one, in memory. Calls `advance(done,
+/// all)` after each count.
 pub fn alternatives(
     scenes: &[Scene],
     base: &PairOptions,
@@ -112,7 +113,8 @@ pub fn alternatives(
     let options: Vec<(&str, &str, PairOptions)> = changed
         .filter(|(about, _)| *about == SAMPLING || !of_multi_view.is_empty())
         .filter_map(|(about, change)| Some((about, change, base.with(change).ok()?)))
-        // Other sources of depth would need other files, so only ground-truth depth is varied.
+        // Sources of depth outside the dataset would need further files, so `overlap=` is varied only if the base uses
+        // the dataset's own depth.
         .filter(|(_, change, options)| {
             options != base && (!change.starts_with("overlap=") || base.depth.is_ground_truth())
         })
@@ -207,11 +209,11 @@ fn counts(build: &PairBuild, base: &BTreeSet<&str>) -> BTreeMap<String, Count> {
     counts
 }
 
-/// Settings that do not affect how the paper is interpreted: permission to open files, and treatment of pictures whose
-/// size differs from their camera's.
+/// Reader settings that are not varied, because they do not change how the paper is interpreted: permission to open
+/// files outside the folder, and what to do if a picture's size differs from its camera's.
 const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
 
-/// Each dataset under every alternative setting of its reader. If its files cannot be opened under a setting, the
+/// Reads each dataset under every alternative setting of its reader. If its files cannot be opened under a setting, the
 /// reason is kept.
 pub fn other_readings(
     datasets: &[OpenDataset],

@@ -39,7 +39,7 @@ pub struct DatasetReading {
     pub value: String,
     /// Whether the value is known to differ from the paper's.
     pub proxy: bool,
-    /// Whether the paper leaves open which of several values it used.
+    /// Whether several values are compatible with the paper, which does not state the one that it used.
     #[serde(default)]
     pub open: bool,
 }
@@ -61,13 +61,12 @@ impl OpenDataset {
             if is_taken || dataset.name == ALL_DATASETS {
                 let reason = match is_taken {
                     true => format!(
-                        "the name '{}' is taken; give this dataset another one with \
-                                     NAME:",
+                        "the name '{}' is taken; give this dataset another name with NAME:FORMAT=PATH",
                         dataset.name
                     ),
                     false => format!(
                         "'{ALL_DATASETS}' is reserved for the mean over datasets; give this \
-                         dataset another name with NAME:"
+                         dataset another name with NAME:FORMAT=PATH"
                     ),
                 };
                 return Err(PairError::DatasetSpec {
@@ -86,7 +85,7 @@ impl OpenDataset {
     /// Opens a dataset with the settings that a run recorded, even if a default has changed since.
     ///
     /// # Errors
-    /// Those of [`Self::open_all`], but it is no error if no scene matches.
+    /// Those of [`Self::open_all`]. Unlike there, it is not an error if no scene matches.
     pub fn open_recorded(
         config: &DatasetConfig,
         recorded: &[DatasetReading],
@@ -109,7 +108,7 @@ impl OpenDataset {
             found.choose(|id| glob.is_match(id), &format!("--scenes {pattern}"));
         }
         let left_out = by_reason(&found.left_out);
-        // If no scene is left because scenes are broken, report the broken ones as the reason.
+        // If all scenes are broken, report them as the reason why none is left.
         let scenes = match found.scenes.is_empty() {
             true => found.all()?,
             false => found.scenes,

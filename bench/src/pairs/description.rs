@@ -13,7 +13,8 @@ use super::pair_id::{PairName, path_of};
 /// misinterpret a new one.
 pub const FORMAT: u32 = 1;
 
-/// A pair: both cameras, the motion between them, and the expected output. Contains nothing of the target's content.
+/// A pair: both cameras, the motion between them, and the expected output. It contains the target's camera, but not its
+/// photograph.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PairDescription {
     pub format: u32,

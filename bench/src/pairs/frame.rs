@@ -1,5 +1,5 @@
-//! Views of a dataset at another protocol's resolution: pictures are resized and cropped, and cameras adjusted, before
-//! any other processing.
+//! Views of a dataset at another resolution, as a protocol requires. Pictures are resized and cropped, and cameras
+//! adjusted, before any other processing.
 //!
 //! Text form, the setting `frame=RULE:SIZE:KERNEL` of a dataset:
 //! * `cover:256x256:lanczos`: scaled by one factor (sides rounded) to cover the size, then centre-cropped;
@@ -184,11 +184,11 @@ struct Framed {
 }
 
 impl Framed {
-    /// The range (first, one past the last) of original pixels that row or column `at` of the crop covers.
+    /// The original pixels that row or column `at` of the crop covers: the first, and one past the last.
     fn covered(at: u32, corner: u32, from: u32, resized: u32) -> (u32, u32) {
         let place = |at: u32| f64::from(at) * f64::from(from) / f64::from(resized);
         let (first, end) = (place(at + corner), place(at + corner + 1));
-        // Ends that miss a pixel's edge only by a rounding error count as on the edge.
+        // An end that passes a pixel's edge only by a rounding error counts as lying on the edge.
         let end = (end - 1e-9).ceil() as u32;
         ((first + 1e-9).floor() as u32, end.min(from))
     }

@@ -1,7 +1,7 @@
 //! Selection of the pairs to evaluate, and the geometry behind it.
 //!
-//! The paper fixes stereo left to right, sets of ten views, overlap above 60 % and at most 512 pairs per dataset;
-//! everything it leaves open is an option of [`PairOptions`], printed with the result.
+//! The paper fixes four rules: stereo pairs go from left to right, sets have ten views, overlap is above 60 %, and at
+//! most 512 pairs are used per dataset. Everything else is an option of [`PairOptions`], printed with the result.
 //!
 //! * [`sets`]: views into sets of ten.
 //! * [`depth`]: depth maps with their cameras, and sources of depth.

@@ -37,7 +37,8 @@ impl PairName {
     /// Decodes an id.
     ///
     /// # Errors
-    /// [`PairError::PairId`] unless the text is exactly what [`Self::encode`] writes, so that each pair has one id.
+    /// [`PairError::PairId`] if the text is not exactly what [`Self::encode`] writes. A pair therefore has only one
+    /// valid id.
     pub fn decode(id: &str) -> Result<Self, PairError> {
         let wrong = |reason: &str| PairError::PairId {
             text: id.to_owned(),

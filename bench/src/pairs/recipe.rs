@@ -118,7 +118,7 @@ impl PairRecipe {
         };
         let options = self.options.with(&own.options_text()).map_err(named)?;
         let mut common = self.clone();
-        // Drop files of the common options that this dataset's options do not use.
+        // Drop files that belong to the common options but are not used by this dataset's own options.
         if own.options.contains_key("overlap") {
             common
                 .overlap_depth
@@ -140,7 +140,7 @@ impl PairRecipe {
         Ok(recipe)
     }
 
-    /// Replaces [`OverlapDepth::Auto`] by the source of depth that it stands for.
+    /// Replaces [`OverlapDepth::Auto`] with the source of depth that it stands for.
     fn resolve(&mut self, paper: PaperOverlap) {
         self.overlap_checkpoint = match paper {
             PaperOverlap::Sparse => find_depth_pro(),
@@ -152,8 +152,8 @@ impl PairRecipe {
         };
     }
 
-    /// Stores what [`OverlapDepth::Auto`] resolves to on this machine in a dataset's own options, so that the
-    /// configuration gives the same pairs on machines with other weights.
+    /// Writes the source of depth that [`OverlapDepth::Auto`] stands for on this machine into the dataset's own
+    /// options. The configuration then gives the same pairs on machines that have other weights.
     pub fn pin(&self, dataset: &mut DatasetConfig) {
         let own = &mut dataset.pairs;
         let paper = dataset.spec.entry.paper_overlap;
@@ -253,8 +253,8 @@ impl PairRecipe {
         })
     }
 
-    /// The number of pairs under each open choice and each alternative reading of the datasets. The source of depth is
-    /// not varied.
+    /// The number of pairs under each alternative to an open choice, and under each alternative reading of the
+    /// datasets. The source of depth is not varied.
     pub fn ambiguity(
         &self,
         datasets: &[OpenDataset],

@@ -79,8 +79,9 @@ pub fn sample(pairs: &[(&str, f64)], options: &SamplingOptions) -> Vec<bool> {
     selected
 }
 
-/// At most `limit` pairs of a list, round-robin over datasets, then over the scenes of each dataset. Scenes, and the
-/// pairs of a scene, are shuffled. A smaller limit gives a subset of a larger one.
+/// Chooses at most `limit` pairs of a list, in turn from each dataset and, within a dataset, from each of its scenes.
+/// Scenes, and the pairs of a scene, are shuffled first. The pairs for a smaller limit are a subset of those for a
+/// larger one.
 pub fn spread<'a>(pairs: &[ResolvedPair<'a>], limit: usize) -> Vec<ResolvedPair<'a>> {
     let names = pairs.iter().map(|p| (&*p.pair.dataset, &*p.pair.scene));
     let chosen = spread_positions(&names.collect::<Vec<_>>(), limit);

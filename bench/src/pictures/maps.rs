@@ -20,7 +20,8 @@ pub struct ColourScale {
 }
 
 impl ColourScale {
-    /// From 0 to the smallest 1, 2 or 5 × 10ⁿ that no value exceeds; from 0 to 1 if all values are 0.
+    /// A scale from 0 to the smallest number of the form 1, 2 or 5 × 10ⁿ that no value exceeds; from 0 to 1 if all
+    /// values are 0.
     pub fn from_zero(values: &Values) -> Self {
         let largest = values
             .as_raw()

@@ -53,8 +53,8 @@ impl std::fmt::Display for MatchBy {
 /// A prediction and its target.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Match {
-    /// The matching part of the name, preceded by the subfolders below the searched folder; unique
-    /// among the matches.
+    /// The shared part of the name, preceded by the subfolders in which the picture was found; unique among the
+    /// matches.
     pub key: String,
     pub prediction: PathBuf,
     pub target: PathBuf,
@@ -64,7 +64,7 @@ pub struct Match {
 /// some archives).
 ///
 /// # Errors
-/// [`MatchError`] unless every picture of either folder has exactly one counterpart.
+/// [`MatchError`] if a picture of either folder has no counterpart in the other, or several.
 pub fn match_folders(
     predictions: &Path,
     targets: &Path,

@@ -21,9 +21,8 @@ pub struct OtherForm {
     pub value: f64,
 }
 
-/// All variants that have a value for two pictures of the same size; `mask` marks the pixels that
-/// count. Networks are taken from `scorer`; a variant is skipped if its network is not loaded
-/// there.
+/// Computes all variants for two pictures of the same size; those without a value are left out. `mask` marks the pixels
+/// that count. Networks are taken from `scorer`; a variant is skipped if its network is not loaded there.
 pub fn other_forms(
     scorer: &Scorer,
     prediction: &Picture,

@@ -33,9 +33,11 @@ pub struct Protocol {
     /// Repository and commit, or the paper.
     pub source: String,
     pub pairs: PairRule,
-    /// Size at which pictures are predicted and compared, as a dataset's `frame=`; `None` for the dataset's size.
+    /// Size at which pictures are predicted and compared, in the form of a dataset's `frame=` setting; `None` for the
+    /// dataset's own size.
     pub frame: Option<String>,
-    /// Background for pictures that are not opaque, as a dataset's `alpha=`; `None` if the protocol's data is opaque.
+    /// Background for pictures that are not opaque, in the form of a dataset's `alpha=` setting; `None` if the
+    /// protocol's data is opaque.
     pub alpha: Option<String>,
     pub border: Border,
     pub quantised: Quantised,
@@ -175,7 +177,7 @@ impl Protocol {
         }
     }
 
-    /// Sets a dataset to the protocol's size, and to its background unless the dataset sets one.
+    /// Gives a dataset the protocol's picture size, and the protocol's background if the dataset does not set one.
     fn show(&self, dataset: &mut DatasetConfig) -> Result<(), ConfigError> {
         let own = dataset.frame;
         let of_protocol = self

@@ -1,10 +1,9 @@
 //! Moves a target's camera until the rendering fits its photograph, as done in evaluations of
 //! methods without known poses (NoPoSplat, AnySplat).
 //!
-//! Starts at the shift that brings a small rendering closest to the photograph. Gauss-Newton steps
-//! with Levenberg's damping then reduce the squared difference of sRGB values over the covered
-//! pixels, at increasing picture sizes. Derivatives are central differences of renderings, so that
-//! they apply to every rule and both renderers.
+//! First, the camera is turned by the shift that brings a small rendering closest to the photograph. Gauss-Newton steps
+//! with Levenberg's damping then reduce the squared difference of sRGB values over the covered pixels, at increasing
+//! picture sizes. Derivatives are central differences of renderings, so they work with every rule and both renderers.
 
 use glam::{DAffine3, DQuat, DVec3};
 use image::imageops::{FilterType, resize};
@@ -17,11 +16,12 @@ use sharp_metrics::Mask;
 use super::shared::{HOLE_ALPHA, SharedRenderer, surface_depth};
 use crate::pairs::depth::median_depth_m;
 
-/// Width of the last and largest picture, pixels, unless the target is narrower. Each earlier picture is half as wide.
+/// Width of the last and largest picture, in pixels; narrower targets end at their own width. Each earlier picture is
+/// half as wide as the next.
 const WIDEST: u32 = 640;
-/// Pictures narrower than this are not used, in pixels.
+/// Minimum width of a picture, in pixels.
 const NARROWEST: u32 = 60;
-/// Minimum low-pass for all pictures but the last, in px². With it, Gaussians are rarely smaller than a pixel.
+/// Minimum low-pass for all pictures but the last, in px²; it blurs Gaussians that would be smaller than a pixel.
 const LOW_PASS: f32 = 0.3;
 /// The initial shift is searched in the largest picture up to this width, in pixels.
 const SHIFT_WIDTH: u32 = 160;
@@ -31,7 +31,8 @@ const MAX_SHIFT: f64 = 0.1;
 const STEPS: usize = 20;
 /// Half the distance between the two renderings of a central difference, in pixels.
 const REACH: f64 = 0.5;
-/// Reaches of the final rounds at the last width. With a smaller reach, single pixels have less effect.
+/// Smaller values of [`REACH`] for the final rounds at the last width, in pixels. They reduce the effect of single
+/// pixels.
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
 /// Iteration at a width ends after a step smaller than this, in pixels.
 const LAST_STEP: f64 = 0.01;
@@ -142,8 +143,8 @@ impl Level<'_> {
         self.valid.as_ref().is_none_or(|valid| valid[pixel])
     }
 
-    /// Finds the shift by whole pixels after which the rendering is closest to the photograph. Returns the rotation
-    /// that has this effect.
+    /// Finds the shift in whole pixels that brings the rendering closest to the photograph, and returns the rotation of
+    /// the camera that has the same effect.
     fn shifted(&self, output: &RenderOutput) -> DAffine3 {
         let shown = self.shown(output);
         let (width, height) = (shown.width() as i32, shown.height() as i32);
@@ -190,8 +191,8 @@ impl Level<'_> {
         ])
     }
 
-    /// Takes steps until one is small enough; returns their number. Derivatives are differences over twice `reach`
-    /// pixels.
+    /// Takes steps until one is small enough; returns their number. `reach` is the half-width of the central
+    /// differences, in pixels.
     fn fit(
         &self,
         loaded: &mut dyn LoadedScene,
@@ -270,7 +271,7 @@ impl Level<'_> {
             .sum()
     }
 
-    /// The products of the derivatives with each other, and with the difference from the photograph.
+    /// The products of the derivatives with each other (JᵀJ), and with the difference from the photograph (Jᵀr).
     fn normal_equations(
         &self,
         shown: &Rgb32FImage,
@@ -337,7 +338,7 @@ fn at_width(whole: Intrinsics, width: u32) -> Intrinsics {
     whole.resized(width, (height.round() as u32).max(1))
 }
 
-/// Whether only valid pixels contribute, for each pixel of the smaller picture.
+/// For each pixel of the smaller picture, whether all pixels that contribute to it are valid.
 fn shrunk_mask(valid: &Mask, to: Intrinsics) -> Vec<bool> {
     let (width, height) = valid.dimensions();
     let inside = |x: u32, y: u32| valid.values()[(y * width + x) as usize];

@@ -75,7 +75,7 @@ pub struct ReportMethod {
     pub is_plotted: bool,
     /// Name of the kernel that resized predictions of another size, if known.
     pub resize_kernel: Option<String>,
-    /// Warnings about the method's predictions, shown next to the method's label below the first table.
+    /// Warnings about the method's predictions. They are shown below the first table, after the method's label.
     pub doubt: Option<String>,
     /// Notes on the method, shown next to `doubt`.
     pub note: Option<String>,

@@ -6,8 +6,8 @@ use super::board::{Board, PairBoard};
 use super::column::Column;
 
 /// Chooses at most `limit` pairs, each with the index of its dataset. All datasets get equal shares of the limit; what
-/// a dataset with few pairs cannot use goes to the others. Half of a dataset's share are the pairs with the largest
-/// `badness`. The other half is spread over the remaining pairs if `evenly`; otherwise, it consists of those with the
+/// a dataset with few pairs cannot use goes to the others. One half of a dataset's share are the pairs with the largest
+/// `badness`. If `evenly`, the other half is spread over the remaining pairs; if not, it consists of the pairs with the
 /// smallest `badness`.
 pub(super) fn choose<'a>(
     board: &'a Board<'a>,

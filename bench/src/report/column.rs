@@ -237,7 +237,7 @@ impl Column {
     }
 }
 
-/// The column's key in lower case, with every character other than letters and digits replaced by a dash.
+/// The column's key in lower case; every character other than a letter or a digit becomes a dash.
 pub(super) fn slug(key: &str) -> String {
     let parts = key.split(|c: char| !c.is_ascii_alphanumeric());
     let parts: Vec<_> = parts.filter(|part| !part.is_empty()).collect();

@@ -138,7 +138,7 @@ pub(super) fn averaged(
 }
 
 /// How the error changed between two predictions: vermilion where it grew, blue where it shrank, grey where it is
-/// equal. The scale ends at ±`max`. Otherwise like [`picture`].
+/// equal. The scale ends at ±`max`. Reduction and hatching are as in [`picture`].
 ///
 /// # Errors
 /// If the sizes differ.

@@ -194,8 +194,8 @@ pub(super) fn file_name(picture: &Thumbnail) -> String {
 /// The folder of pictures next to the page.
 pub(super) const THUMBNAILS: &str = "thumbs";
 
-/// The longest side at which all pictures are likely to fit the budget, estimated from a few pairs of each dataset.
-/// File sizes grow roughly with the area, so two more estimates correct the first.
+/// The longest side at which all pictures are likely to fit the budget. It is estimated by encoding a few pairs of each
+/// dataset. File sizes grow only roughly with the area, so the estimate is corrected twice.
 fn side<'a>(
     chosen: &[(usize, &'a PairBoard<'a>)],
     layout: Layout,

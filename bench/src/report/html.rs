@@ -124,8 +124,8 @@ impl Page<'_> {
         page.is_file().then(|| self.link(&page))?
     }
 
-    /// Links to the full source and target. The target is the picture that the self-test kept, or the dataset's if none
-    /// was kept.
+    /// Links to the full source and target. The link to the target leads to the picture kept by the method `target`, or
+    /// to the dataset's photograph if none was kept.
     pub(super) fn full_views(&self, pair: &PairBoard<'_>) -> [Option<String>; 2] {
         let mut records = pair.by_method.iter().zip(&self.board.methods);
         let itself = records.find(|(_, method)| method.unranked.is_some());

@@ -36,8 +36,8 @@ pub struct ReportPictures<'a> {
     /// Kept pictures, keyed by pair and method, so that each file is hashed once.
     kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
     not_scored: Mutex<BTreeSet<PathBuf>>,
-    /// Cache of photographs, keyed by the address of their view. Worthwhile because a view is in many pairs. Once full,
-    /// nothing is added.
+    /// Cache of photographs, keyed by the address of their view, because a view is in many pairs. Nothing is added once
+    /// the cache is full.
     photographs: Mutex<BTreeMap<usize, RgbImage>>,
 }
 
@@ -242,7 +242,7 @@ impl<'a> ReportPictures<'a> {
             .filter(|_| self.withheld.is_none())
     }
 
-    /// Links to the files of [`Self::source`] and [`Self::target`], if the stored pixels are those
+    /// Links to the files of [`Self::source`] and [`Self::target`]. A link is given only if the file's pixels are those
     /// shown.
     pub(super) fn linked_photographs(&self, record: &Record) -> [Option<PathBuf>; 2] {
         [&record.source, &record.target].map(|id| {

@@ -1,5 +1,5 @@
-//! Writes the figures of a report as files, and plots the pairs' baselines: as a histogram, and against a metric as in
-//! the paper's motion-range figure. One panel per dataset.
+//! Writes the figures of a report as files. Also makes two plots of the pairs' baselines, each with one panel per
+//! dataset: their histogram, and a metric against the baseline as in the paper's motion-range figure.
 
 use std::path::{Path, PathBuf};
 

@@ -95,8 +95,8 @@ impl Spread {
         }
     }
 
-    /// `units` are the equally weighted values of a mean, each with its scene; `scenes` are the scenes' means. `None`
-    /// if there are fewer than two scenes or a value is not finite.
+    /// `units` are the values whose unweighted mean is taken, each with its scene; `scenes` are the scenes' means.
+    /// `None` if there are fewer than two scenes or a value is not finite.
     fn new(units: &[(&str, f64)], scenes: &[f64]) -> Option<Self> {
         let sd = sample_std(scenes)?;
         let clusters = Clusters::new(units.iter().map(|(scene, value)| (*scene, [0.0, *value])));

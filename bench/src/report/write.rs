@@ -54,10 +54,10 @@ const MARK: &str = "<p class=\"eyebrow\">sharp-bench report</p>";
 /// Subfolders of a report.
 const FOLDERS: [&str; 3] = ["tables", "plots", THUMBNAILS];
 
-/// Writes the report of some results, with source and target pictures from `scenes`: `index.html`, `report.md`,
-/// `tables/*.{md,csv,tex}`, `plots/*.{svg,png}`, `thumbs/*.jpg` unless the page embeds its pictures, and a list of
-/// these files in `files.txt`. Each file is written atomically. Removes obsolete files of an earlier report and keeps
-/// other files.
+/// Writes the report of some results: `index.html`, `report.md`, `tables/*.{md,csv,tex}`, `plots/*.{svg,png}`, and
+/// `thumbs/*.jpg` if the page does not embed its pictures. `files.txt` lists these files. Source and target pictures
+/// are read from `scenes`. Each file is written atomically. Obsolete files of an earlier report are removed; other
+/// files are kept.
 ///
 /// # Errors
 /// If the folder is neither empty nor a report, the results contradict each other, or a file cannot be written.
@@ -190,7 +190,7 @@ pub fn report(
     })
 }
 
-/// The results for publishing: without this machine's folders in reasons and without paths in datasets.
+/// A copy of the results for publishing: reasons name no folders of this machine, and datasets have no paths.
 fn without_paths(results: &Results) -> Results {
     let mut results = results.clone();
     for record in &mut results.records {
@@ -263,9 +263,9 @@ fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Tabl
     (metrics, tables)
 }
 
-/// Fails unless the folder is empty or already a report. A report has a page with our mark; if the page is not yet
-/// written, it has a list of files that names the page. Also fails if the report's subfolders are links. Ignores dot
-/// files.
+/// Fails if the folder contains anything other than a report, or if a subfolder of the report is a link. A report is
+/// recognised by our mark in its page or, before the page is written, by a list of files that names the page. Dot files
+/// are ignored.
 fn check_folder(out: &Path) -> Result<(), FileError> {
     let refused = |path: &Path, reason: &str| {
         let reason = format!("{reason}; choose another folder with --out");

@@ -95,8 +95,8 @@ fn cost(estimate: &Estimate, job: &str) -> StageCost {
     }
 }
 
-/// Time to request, minutes: three times the expected time of a shard on half of its cores, at least 30 minutes.
-/// Unfinished shards are requeued.
+/// Time to request, in minutes: three times the expected time of a shard if only half of its cores are busy, and at
+/// least 30 minutes. A shard that does not finish in this time is requeued.
 fn minutes(cpu_secs: f64, shards: &Shards) -> u64 {
     let share = cpu_secs / shards.count as f64 / (shards.cpus as f64 / 2.0).max(1.0);
     (3.0 * share / 60.0).ceil().max(30.0) as u64

@@ -61,7 +61,8 @@ impl GroundTruth {
         share(&*region.crop_mask(self.valid.as_ref()?)?)
     }
 
-    /// Memory that [`score`](Self::score) needs to copy a prediction, bytes: a crop, and floats if pixels are excluded.
+    /// Memory that [`score`](Self::score) needs for copies of a prediction, in bytes: a cropped copy, and a copy in
+    /// floats if pixels are excluded.
     pub(crate) fn copied_bytes(&self) -> u64 {
         let pixels = u64::from(self.image.width()) * u64::from(self.image.height());
         pixels
@@ -262,7 +263,7 @@ fn mean_colour(picture: &Picture, valid: &Mask) -> Option<[f32; 3]> {
     (count > 0).then(|| sum.map(|sum: f64| (sum / count as f64) as f32))
 }
 
-/// Replaces all pixels outside `valid` by one colour.
+/// Fills all pixels outside `valid` with one colour.
 fn filled(picture: &Picture, valid: &Mask, colour: [f32; 3]) -> Picture {
     let (width, height) = picture.dimensions();
     Picture::RgbF32(Rgb32FImage::from_fn(width, height, |x, y| {
@@ -275,7 +276,7 @@ fn filled(picture: &Picture, valid: &Mask, colour: [f32; 3]) -> Picture {
     }))
 }
 
-/// Replaces PSNR by its value over the valid pixels.
+/// Replaces PSNR with its value over the valid pixels.
 fn over_valid(
     key: MetricKey,
     score: &mut Result<f64, Unavailable>,

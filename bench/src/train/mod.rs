@@ -38,8 +38,8 @@ use crate::io::observer::Observer;
 pub struct TrainRequest<'a> {
     /// The configuration file, TOML.
     pub config: &'a Path,
-    /// Overrides of the file's values, as `KEY=VALUE`: a dotted key, and a TOML value, a text
-    /// without quotes, or nothing for the default.
+    /// Overrides of the file's values, as `KEY=VALUE`. The key is dotted. The value is TOML, or text without quotes; an
+    /// empty value restores the default.
     pub set: &'a [String],
     /// Output folder, from which an interrupted training run resumes.
     pub folder: &'a Path,
@@ -147,8 +147,7 @@ struct Watching<'a> {
     /// The stage whose progress is currently displayed.
     phase: Option<Stage>,
     validated: Vec<(String, f64)>,
-    /// Set after a validation. The page is rewritten at the next step, because the log has the validation's values only
-    /// then.
+    /// Whether to rewrite the page at the next step. Set after a validation, whose values are in the log only by then.
     page_due: bool,
 }
 

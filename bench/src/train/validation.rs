@@ -114,8 +114,8 @@ impl Validation {
         })
     }
 
-    /// The mean of every metric, with its key. If there are several datasets, keys are prefixed with the dataset's
-    /// name.
+    /// The mean of every metric, with the metric's key. If there are several datasets, the key is preceded by the
+    /// dataset's name.
     ///
     /// # Errors
     /// If a pair cannot be predicted, or the run fails.
@@ -248,8 +248,8 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
     Ok(means)
 }
 
-/// Ignores stop requests during a validation, because a validation is short and the checkpoint of its step is written
-/// only afterwards.
+/// Ignores stop requests during a validation. A validation is short, and the checkpoint of its step is written only
+/// after it.
 struct Unstopped<'a>(&'a dyn Observer);
 
 impl Observer for Unstopped<'_> {

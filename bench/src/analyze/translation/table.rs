@@ -41,8 +41,8 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
     }
 }
 
-/// The paper's numbers in a separate table, because they are for another picture and their
-/// conventions are not stated.
+/// The numbers published in the paper. They have a table of their own, because they were measured on another picture
+/// and their conventions are not stated.
 pub fn published() -> Option<Table> {
     let mut table = paper::published("metrics_comparison")?.table(&[0]);
     table.name = "translation-published".to_owned();

@@ -59,7 +59,8 @@ fn report_text(report: &DatasetReport) -> String {
     )
 }
 
-/// Describes how well neighbouring views agree, as read and under the best convention.
+/// Describes how well neighbouring views agree: as the dataset is read, and under the best of the other camera
+/// conventions.
 fn poses(found: &Consistency) -> String {
     let levels = |fit: &Fit| match fit.colour_levels {
         Some(levels) => format!(", colours differ by {levels:.1} levels"),

@@ -21,8 +21,8 @@ pub(super) struct DatasetsArgs {
 
 #[derive(Debug, Subcommand)]
 enum DatasetsCommand {
-    /// Describe each dataset: official page, terms, downloads, layout, and named interpretations of
-    /// the paper
+    /// Describe each dataset: official page, terms, downloads, layout, and the settings that stand for different
+    /// interpretations of the paper
     ///
     /// With --needed-for, lists exactly the files that the selected pairs of a list need; with --dataset too, checks
     /// that they exist (exit code 4 if some do not).
@@ -39,9 +39,10 @@ enum DatasetsCommand {
     },
     /// Check a dataset: its contents, broken files, and whether poses agree with depth
     ///
-    /// Reads cameras of every scene, decodes pictures and depth of some views of each, and projects
-    /// depth between neighbouring views by their poses. It can detect a wrong scale of poses only
-    /// with depth, and swapped pictures only among those it decodes. Writes nothing. Exit code 0 if the dataset is sound, 4 if something is broken, 1 if it cannot be opened.
+    /// Reads the cameras of every scene, decodes pictures and depth of some views of each scene, and uses the poses to
+    /// project depth between neighbouring views. Without depth, a wrong scale of the poses goes undetected; swapped
+    /// pictures are detected only among decoded views. Writes nothing. Exit code 0 if the dataset is sound, 4 if
+    /// something is broken, 1 if it cannot be opened.
     Check {
         /// The dataset, [NAME:]FORMAT=PATH[,key=value…]; several are checked one by one
         #[arg(required = true, value_name = "SPEC", value_parser = clap_dataset)]

@@ -101,7 +101,7 @@ fn needed(list: &PairList, name: &str, spec: Option<&DatasetSpec>) -> Needed {
                 .into_iter()
                 .filter_map(|file| of_split(file, split));
             match found.get(&(pair.scene.as_str(), view.as_str())) {
-                // The reader knows all files of the view; only lists are added from the layout.
+                // The reader knows all files of the view, so only the list files are taken from the layout.
                 Some(view) => {
                     let folder = root.as_deref().unwrap_or(Path::new(""));
                     files.extend(view.required_files(folder));
@@ -137,7 +137,8 @@ fn needed(list: &PairList, name: &str, spec: Option<&DatasetSpec>) -> Needed {
     }
 }
 
-/// The folder that names in a list are relative to: the dataset's, or the parent folder if the dataset is a file.
+/// The folder that the file names in a list are relative to: the dataset's folder, or the parent folder if the dataset
+/// is a file.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if path.is_file() => folder.to_owned(),
@@ -145,9 +146,11 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// The views that the reader finds, by scene and view, with the depth and masks that a `transforms.json` lists or that
-/// are named like their picture. Empty for an incomplete dataset, which cannot be opened yet. Stereo pairs are left
-/// out, because their layout already lists every file that is needed.
+/// The views that the reader finds, keyed by scene and view. Each has the depth and masks that a `transforms.json`
+/// lists or that are named like its picture.
+///
+/// Empty for an incomplete dataset, which cannot be opened yet. Stereo pairs are left out: the files that they need are
+/// all known from the dataset's layout.
 fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     let multi_view = scenes
         .iter()
@@ -159,8 +162,8 @@ fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     views.collect()
 }
 
-/// Replaces the list files of ScanNet++ by that of the requested split. `None` if the split is the whole dataset, which
-/// needs no list.
+/// Replaces ScanNet++'s list files with the one for the requested split. `None` if the split is the whole dataset,
+/// which needs no list.
 fn of_split(mut file: RequiredFile, split: Option<&str>) -> Option<RequiredFile> {
     if let (FileRole::List, Some(split)) = (file.role, split)
         && file.path.starts_with("splits/")

@@ -94,7 +94,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
             }
             let made_for = MarkedRule::of(&scene.marks);
             if given.color_space.is_some() {
-                // A file that needs a given colour space is SHARP's; mark the result as such.
+                // Only a file from SHARP needs a given colour space, so mark the result as SHARP's.
                 scene.marks.generator = Some(Generator::Sharp);
             }
             if to == TargetForm::Release {
@@ -117,8 +117,8 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     true => format!("states the rule {}", rule.rule),
                     false => "states no rule".to_owned(),
                 };
-                // The rule blends linear light, but the result cannot state that its colours are
-                // encoded.
+                // SHARP's rule needs encoded colours that are blended in linear light, but the new file cannot state
+                // that its colours are encoded.
                 let colors = match made_for.rule == Rule::SHARP {
                     true => ",color_space=srgb",
                     false => "",
@@ -158,8 +158,8 @@ impl TargetForm {
     }
 }
 
-/// Checks that a scene fits the release's layout, which has no view-dependent colours and states that colours are
-/// sRGB-encoded and blended in linear light.
+/// Checks that a scene fits the release's layout. That layout has no view-dependent colours, and states that colours
+/// are sRGB-encoded and blended in linear light.
 fn check_release(scene: &GaussianScene, given: StoredForm) -> Result<(), String> {
     if scene.gaussians.harmonics.degree > 0 {
         return Err(format!(
@@ -218,7 +218,8 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
     let (x, y, depth) = (along(0), along(1), along(2));
     let opacity = Distribution::of(opacities.iter().copied());
     let scale = Distribution::of(scales.iter().flatten().copied());
-    // Share of the Gaussians behind the camera; if it is large, the axes or the space differ.
+    // Share of the Gaussians behind the camera. If it is large, the axes or the coordinate system were probably
+    // misread.
     let behind = means.iter().filter(|m| m[2] <= 0.0).count() as f64 / n.max(1) as f64;
     let median = depth.as_ref().map(|depth| depth.quantiles[3]);
     // Evidence that the file is not in camera space with OpenCV axes and metres.
@@ -338,8 +339,8 @@ fn generator_name(generator: Generator) -> &'static str {
         Generator::Brush => "brush",
         Generator::Nerfstudio => "nerfstudio",
         Generator::SplatTransform => "splat-transform",
-        Generator::GsplatLike => "gsplat or alike",
-        Generator::InriaLike => "Inria's or alike",
+        Generator::GsplatLike => "gsplat or similar",
+        Generator::InriaLike => "Inria's or similar",
     }
 }
 
@@ -362,7 +363,7 @@ fn marks_in_words(marks: &FileMarks) -> Vec<&'static str> {
 }
 
 fn info(ply: &Path, given: &ReadingArgs, as_json: bool) -> anyhow::Result<Outcome> {
-    // The blending space does not affect the output; choose one that accepts every file.
+    // The blending space does not affect the output, so read in the one that accepts every file.
     let reading = StoredForm {
         blending: ColorSpace::Srgb,
         ..given.reading()

@@ -51,7 +51,7 @@ pub(crate) struct PredictArgs {
     pub(super) model: ModelArgs,
     #[command(flatten)]
     pub(super) photo: PhotoArgs,
-    /// A .ply file, or a folder, which several photographs need; with --depth-only, an .exr or .png file instead of .ply
+    /// A .ply file, or a folder for several photographs; with --depth-only, .exr or .png instead of .ply
     #[arg(long, value_name = "FILE_OR_DIR")]
     pub(super) out: PathBuf,
     /// Omit the PLY elements that the release adds and some viewers cannot read
@@ -108,8 +108,8 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Runs `predict` for each photograph and its output, and prints the results if JSON is wanted. `were_what` is the
-/// subject of the error if all of several photographs fail.
+/// Runs `predict` for each photograph and its output, and prints the results as JSON if requested. `were_what` starts
+/// the error that says that every photograph failed, for example "Gaussians were".
 pub(super) fn for_each(
     args: &PredictArgs,
     outputs: &[PathBuf],

@@ -45,8 +45,8 @@ pub(super) struct ExportArgs {
     /// Also write the ground truth, or the depth of both views (.npy, metres) if the dataset has depth
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     with: Vec<More>,
-    /// Also write cameras with the translation multiplied by each of these factors, such as
-    /// 0.5,1,2, for methods without metric scale
+    /// Also write cameras whose translation is multiplied by each of these factors, such as 0.5,1,2; for methods
+    /// without metric scale
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     scales: Vec<String>,
     /// The folder to write
@@ -76,7 +76,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let mut pairs = list.resolve(&scenes)?;
     anyhow::ensure!(
         !pairs.is_empty(),
-        "{}: the list has no pair",
+        "{}: the list has no pairs",
         list.path.display()
     );
     pairs.retain(|resolved| args.all || resolved.pair.selected);
@@ -86,7 +86,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     }
     anyhow::ensure!(
         !pairs.is_empty(),
-        "{}: no pair of the list is marked as selected; --all also exports pairs that are not",
+        "{}: no pair of the list is marked as selected; add --all to export the other pairs too",
         list.path.display()
     );
     let found = list.verify(&scenes);

@@ -42,7 +42,7 @@ pub(super) struct ImportArgs {
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
     #[arg(long = "dataset", value_name = "SPEC", value_parser = clap_dataset)]
     datasets: Vec<DatasetConfig>,
-    /// Only scenes whose id matches; `*` and `?` are wildcards
+    /// Only scenes whose id matches this pattern; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB", requires = "datasets")]
     scenes: Option<String>,
     /// File for the list, for `run --pairs`

@@ -42,8 +42,9 @@ Sparse depth (ETH3D, Tanks and Temples): the paper predicts dense depth with Dep
                          --overlap-checkpoint FILE names another file
   overlap=sharp-release  the first depth layer of SHARP's official checkpoint, scaled the same way
   overlap=sparse:8       the dataset's sparse depth: agreement within 8 pixels of where a point lands
-None of them uses the method under test. overlap=depth-pro was compared with Depth Pro's code at small size, but never
-run on its published weights. With that code (github.com/apple/ml-depth-pro, its environment and checkpoint):
+None of these uses the method under test. overlap=depth-pro was compared with Depth Pro's code at small size, but never
+run on its published weights. To use Depth Pro's own code instead (github.com/apple/ml-depth-pro, in its environment and
+with its checkpoint):
   sharp-bench cameras export --dataset eth3d=data/eth3d --out views
   for each views/<dataset>/<scene>/<view>.png, in Python:
     image, _, _ = depth_pro.load_rgb(png); f_px = json.load(open(camera))['K'][0]

@@ -60,8 +60,8 @@ pub(super) struct RenderArgs {
     /// Output: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
     #[arg(long, value_name = "OUT", required_unless_present = "viewer")]
     out: Option<PathBuf>,
-    /// Write a self-contained page that renders the Gaussians in a browser (WebGPU), from the views
-    /// of this command or any other
+    /// Write a self-contained page that renders the Gaussians in a browser (WebGPU). The page has this command's views,
+    /// and can show any other view
     #[arg(long, value_name = "OUT.html")]
     viewer: Option<PathBuf>,
     /// The renderer: cpu, wgpu (a GPU through Vulkan, Metal or Direct3D 12), or auto (the first hardware adapter, else
@@ -146,12 +146,13 @@ struct Summary {
 }
 
 impl RenderArgs {
-    /// Whether arrays contain values in the rule's blending space, over the background.
+    /// Whether the written arrays hold values in the rule's blending space, composited over the background. Otherwise,
+    /// they hold linear light without a background.
     fn writes_blended(&self, rule: &Rule) -> bool {
         self.rule.is_some() || rule.blending == ColorSpace::Srgb
     }
 
-    /// The rule, changed by the options that set a single choice.
+    /// The rule, with --eps2d, --near and --far in place of its own values.
     fn over(&self, mut rule: Rule) -> Rule {
         rule.low_pass = self.rendering.eps2d.map_or(rule.low_pass, |LowPass(x)| x);
         rule.near = self.near.unwrap_or(rule.near);

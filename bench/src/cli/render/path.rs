@@ -31,8 +31,8 @@ pub(super) struct PathArgs {
 }
 
 impl PathArgs {
-    /// The pose of each frame, which maps from the photograph's camera to the frame's. The scene is placed by
-    /// `camera_from_scene`. `None` without a path.
+    /// The transform from the photograph's camera to each frame's camera. `camera_from_scene` places the scene in the
+    /// photograph's camera. `None` if no path is requested.
     pub(super) fn poses(
         &self,
         scene: &Gaussians,

@@ -179,7 +179,7 @@ impl ViewWriter {
         }
     }
 
-    /// Finishes movies, which gives them their names.
+    /// Finishes movies. Their files appear under the final names only now.
     pub(super) fn finish(self) -> anyhow::Result<()> {
         if let Self::Movies {
             color,

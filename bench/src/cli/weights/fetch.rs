@@ -21,8 +21,8 @@ use crate::io::observer::Observer;
 /// Names to fetch, and accepted terms.
 #[derive(Debug, Args)]
 pub(super) struct FetchArgs {
-    /// `metrics` for all missing backbones; alexnet, vgg16, squeezenet1_1; `sharp` for the official checkpoint;
-    /// `resnet50dilated` for the network of the perceptual loss, for training
+    /// `metrics` for all missing networks of LPIPS and DISTS, or one of them: alexnet, vgg16, squeezenet1_1; `sharp`
+    /// for the official checkpoint; `resnet50dilated` for the network of the perceptual loss, used in training
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
     /// Only report whether the named weights are present
@@ -55,7 +55,7 @@ pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The backbones and other releases that a list of names stands for, each once.
+/// Resolves a list of names to backbones and other releases, each listed once.
 fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, Vec<Release>)> {
     let mut backbones = BTreeSet::new();
     let mut releases = vec![Release::official(), Release::resnet50dilated()];
@@ -65,8 +65,8 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, Vec<Release>)
             "metrics" => backbones.extend(Backbone::ALL),
             name if releases.iter().any(|release| release.name == name) => {}
             name => {
-                let hint = "`metrics` means all missing backbones, `sharp` the official checkpoint, `resnet50dilated` \
-                            the network of the perceptual loss";
+                let hint = "`metrics` means all missing networks of LPIPS and DISTS, `sharp` the official checkpoint, \
+                            `resnet50dilated` the network of the perceptual loss";
                 let known = name.parse().map_err(|error| anyhow!("{error}; {hint}"));
                 backbones.insert(known?);
             }

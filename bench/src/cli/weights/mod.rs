@@ -37,17 +37,17 @@ enum WeightsCommand {
     },
     /// Fetch published weights into the cache: resumes interrupted transfers, checks size and hash
     ///
-    /// Of a backbone, only the feature layers are kept. No hash of SHARP's checkpoint is published, so
-    /// the checkpoint's size and sha256 are recorded at the first use and compared from then on; a
-    /// file in the release's own cache folder is used in place. Proxies are read from the usual
-    /// environment variables. If SHARP_BENCH_MIRROR is set to an address, files are fetched from that
-    /// address under their publishers' file names.
+    /// Of the networks of LPIPS and DISTS, only the feature layers are kept. No hash of SHARP's checkpoint is
+    /// published, so its size and sha256 are recorded at the first use, and later uses are compared with this record. A
+    /// checkpoint in the release's own cache folder is used in place. Proxies are read from the usual environment
+    /// variables. If SHARP_BENCH_MIRROR is set to an address, files are fetched from that address under their
+    /// publishers' file names.
     Fetch(fetch::FetchArgs),
     /// Show the contents of a file: modules, parameters, non-finite values
     ///
-    /// With --config (or for a file that looks like SHARP's), the file must have the tensors that the network uses, with
-    /// the same shapes, and no unknown ones. Without --config, that network is the one of a .json
-    /// next to the file if it fits, or else the release's.
+    /// A file that looks like SHARP's, or any file with --config, is compared with a network: the file must have the
+    /// tensors that the network uses, with the same shapes, and no unknown ones. Without --config, the network is that
+    /// of a fitting .json next to the file, or else the release's.
     Check {
         /// The file: .pt, .pth (zip or older) or .safetensors
         file: PathBuf,

@@ -36,7 +36,8 @@ pub enum NetworkError {
     )]
     DepthPro { checkpoint: PathBuf },
     #[error(
-        "{}: several configurations next to it fit ({names}); choose one with config=FILE.json#NAME (--config)", checkpoint.display()
+        "{}: several configurations in the same folder fit this checkpoint ({names}); choose one with \
+         config=FILE.json#NAME (--config)", checkpoint.display()
     )]
     SeveralConfigs { checkpoint: PathBuf, names: String },
     #[error(
@@ -61,13 +62,13 @@ pub enum NetworkError {
     OtherWeights { path: PathBuf, sha256: String },
 }
 
-/// The network of a checkpoint, on the CPU: `mini`, which is bundled, or a file. The configuration is `config`
-/// (`FILE.json#NAME`) if given, otherwise that of a fitting `.json` next to the file, otherwise the release's. Without
-/// `checkpoint`, searches for the official one.
+/// The network of a checkpoint, on the CPU. `checkpoint` is a file, or `mini` for the bundled network; without it, the
+/// official checkpoint is searched for. The configuration is `config` (`FILE.json#NAME`) if given, otherwise that of a
+/// fitting `.json` next to the file, otherwise the release's.
 ///
 /// # Errors
-/// [`NetworkError`] if no checkpoint is found, the file or its configuration cannot be read, or several configurations
-/// fit.
+/// [`NetworkError`] if no checkpoint is found, if the file or its configuration cannot be read, or if several
+/// configurations fit.
 pub fn named_network(
     checkpoint: Option<&Path>,
     config: Option<&str>,
@@ -95,8 +96,8 @@ pub fn named_network(
     })
 }
 
-/// Depth Pro's network from a file, on the CPU. Its sizes are read from `config` (`FILE.json#NAME`; only those of the
-/// depth network matter). Without `config`, they are those of Depth Pro's release, which equal SHARP's.
+/// Depth Pro's network from a file, on the CPU. `config` (`FILE.json#NAME`) states the layer sizes; only those of the
+/// depth network are used. Without `config`, they are those of Depth Pro's release, which equal SHARP's.
 ///
 /// # Errors
 /// [`NetworkError`] if the configuration cannot be read.

@@ -67,8 +67,8 @@ const PARAMETERS: u64 = 702_305_169;
 /// 7×7 one.
 const RESNET_PARAMETERS: u64 = 23_631_808;
 
-/// Upper bound on the size of the names, shapes and alignment of a thousand tensors, and of the statistics of a
-/// normalisation, in bytes.
+/// Upper bound on what a file contains besides its parameters, in bytes: names, shapes and alignment of a thousand
+/// tensors, and the running statistics of normalisation layers.
 const OVERHEAD: u64 = 16 << 20;
 
 /// Plausible sizes of a file with `parameters` f32 parameters, in bytes.
@@ -77,8 +77,8 @@ fn sizes(parameters: u64) -> RangeInclusive<u64> {
 }
 
 impl Release {
-    /// SHARP's official release. Neither size nor hash of the file is published; apart from the table of contents, the
-    /// size follows from the number of parameters.
+    /// SHARP's official release. Neither the size nor a hash of the file is published. The size is bounded by the
+    /// number of parameters.
     pub fn official() -> Self {
         Self {
             name: "sharp",

@@ -41,8 +41,8 @@ use crate::io::rendering_files::write_png;
 /// alone, and the program is restarted for the next. It is not started again if it ended three
 /// times without ever answering.
 ///
-/// The hashes of the files named in the command line and in `files=` are part of the identity;
-/// anything else that changes predictions (an environment, a folder) belongs in `version=`.
+/// The hashes of the files named in the command line and in `files=` are part of the identity. Anything else that
+/// changes predictions, such as a Python environment or a folder of data, must be described in `version=`.
 #[derive(Debug)]
 pub struct Command {
     label: String,
@@ -56,7 +56,7 @@ pub struct Command {
     timeout: Duration,
     fit: FitRules,
     depth: TrueDepth,
-    /// Path of the log, and the folder in which scratch folders are made; set when a run begins.
+    /// Path of the log, and the folder in which scratch folders are created; set when a run begins.
     places: OnceLock<(PathBuf, PathBuf)>,
     state: Mutex<State>,
 }
@@ -66,8 +66,7 @@ struct State {
     process: Option<Process>,
     log: Option<Arc<Mutex<ProgramLog>>>,
     scratch: Option<TempDir>,
-    /// SHA-256 of the source's picture and depth in the scratch folder, and the stamps of their
-    /// files.
+    /// What the scratch folder holds: SHA-256 of the source's picture and depth, and the stamps of their files.
     source: Option<(String, Vec<Option<FileStamp>>)>,
     has_answered: bool,
     /// Number of starts without any answer.

@@ -1,8 +1,7 @@
 //! The process of a method: started by the shell, queried line by line, and always terminated.
 //!
-//! Written by hand because crates for process groups (`process-wrap`) only wrap std's
-//! `process_group`. They offer neither deadlines for lines nor clean-up when this process is
-//! killed, which make up most of this file.
+//! Written by hand, because crates for process groups (`process-wrap`) only wrap std's `process_group`. Most of this
+//! file is what they do not offer: deadlines for lines, and clean-up when this process is killed.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::Path;
@@ -265,8 +264,8 @@ fn shell(run: &str) -> Command {
     command
 }
 
-/// Starts a watchdog that kills the process group `group` if this process dies. The watchdog's standard input then ends
-/// without a line.
+/// Starts a watchdog, a shell that waits for a line on its standard input. If this process dies, the input ends without
+/// a line, and the watchdog kills the process group `group`.
 #[cfg(unix)]
 fn watchdog(group: u32) -> io::Result<Child> {
     use std::os::unix::process::CommandExt;

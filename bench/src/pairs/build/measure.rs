@@ -15,9 +15,9 @@ use crate::pairs::overlap::{OverlapOptions, overlap};
 use crate::pairs::overlap_cache::{DepthFacts, Overlaps, SceneOverlaps};
 use crate::pairs::valid_depth::density;
 
-/// Peak memory while reading a view's depth, as a multiple of the map's own size: the unpacked file as 64-bit numbers
-/// takes two, and the resulting map one. Later steps hold only two. Not included are a scan shared by all views and,
-/// for predicted depth, the prediction and its ratios to sparse depth.
+/// Peak memory while reading a view's depth, as a multiple of the map's own size: twice for the unpacked file with
+/// 64-bit numbers, and once for the resulting map. Later steps need only twice the size. A scan shared by all views is
+/// not included, nor are a prediction and its ratios to sparse depth, if depth is predicted.
 const COPIES_WHILE_READING: u64 = 3;
 
 /// Index of a view whose depth could not be read, and the error.
@@ -54,8 +54,9 @@ impl<'a> Measuring<'a> {
         self.learnt.get()
     }
 
-    /// Measures the unknown overlaps of all pairs of views in a set whose baseline qualifies. Depth is loaded in blocks,
-    /// two of which fit into memory; usually one block suffices, and each view is read once.
+    /// Measures the unknown overlaps of those pairs in a set of views whose distance is in the requested range. Depth
+    /// is loaded in blocks of views, two of which fit into memory. One block usually suffices; each view is then read
+    /// once.
     pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
         let block = self.views_in_memory(set) / 2;
@@ -83,7 +84,7 @@ impl<'a> Measuring<'a> {
         failures
     }
 
-    /// Determines which views have depth, if not known.
+    /// Determines which views have depth, where that is not known yet.
     pub(super) fn find_depth(
         &self,
         views: &[usize],

@@ -16,8 +16,8 @@ use super::overlap_cache::OverlapCache;
 use super::sampling::sample;
 use super::{Pair, PairError};
 
-/// Inputs of pair building other than scenes and options. Among them, only the source of depth affects which pairs are
-/// built.
+/// What pair building needs besides scenes and options. Only one of these inputs affects which pairs are built: the
+/// source of depth.
 #[derive(Clone)]
 pub struct BuildContext<'a> {
     pub depth: &'a dyn DepthSource,
@@ -26,7 +26,8 @@ pub struct BuildContext<'a> {
     /// Memory limit for depth maps held at once, bytes; at least two maps are always held.
     pub depth_memory_bytes: u64,
     pub cache: Option<&'a OverlapCache>,
-    /// Reader settings of each dataset, keyed by its name, as stable text, because depth depends on them.
+    /// Reader settings of each dataset as stable text, keyed by dataset name. They are part of the cache key, because
+    /// depth depends on them.
     pub settings: BTreeMap<String, String>,
     /// Whether to hash photographs; not needed for counting.
     pub hash_photographs: bool,

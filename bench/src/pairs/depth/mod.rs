@@ -131,8 +131,8 @@ impl PosedDepth {
         &self.depth
     }
 
-    /// The same view with its longer side reduced to `max_side` pixels by nearest-pixel sampling. A view that is not
-    /// longer is returned unchanged.
+    /// The same view, its longer side reduced to `max_side` pixels by nearest-pixel sampling. Returned unchanged if the
+    /// longer side has at most `max_side` pixels.
     #[must_use]
     pub fn reduced(self, max_side: u32) -> Self {
         let (w, h) = self.depth.dimensions();

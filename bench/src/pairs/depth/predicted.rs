@@ -21,8 +21,8 @@ pub enum DepthNetwork {
     DepthPro,
 }
 
-/// Depth that a network predicts from the photograph and the dataset's focal length, in the same way as its authors.
-/// Runs once per view.
+/// Depth predicted by a network from the photograph and the dataset's focal length, with the network used as its
+/// authors do. Runs once per view.
 pub struct PredictedDepth {
     network: NetworkSpec,
     kind: DepthNetwork,
@@ -40,8 +40,8 @@ impl PredictedDepth {
     ///
     /// # Errors
     /// If the checkpoint cannot be read, or Depth Pro was requested and the checkpoint is of another network. Whether a
-    /// checkpoint is SHARP's is checked by [`named_network`](crate::io::checkpoint::named_network), which finds its
-    /// configuration.
+    /// checkpoint is SHARP's is not checked here, because [`named_network`](crate::io::checkpoint::named_network) does
+    /// so when it finds the configuration.
     pub fn new(network: NetworkSpec, kind: DepthNetwork) -> Result<Self, PairError> {
         let source = Self {
             checkpoint_sha256: file_sha256(&network.checkpoint)?,

@@ -73,7 +73,7 @@ pub(super) struct NamedPair {
     pub(super) scene: Option<String>,
     pub(super) source: FrameName,
     pub(super) target: FrameName,
-    /// The highest position that the entry names, even if it is not used.
+    /// The highest position among all views of the entry, including those that this pair does not use.
     pub(super) last: Option<FrameName>,
 }
 
@@ -191,8 +191,8 @@ pub(super) fn counts(entries: &[Entry]) -> ForeignCounts {
 }
 
 impl Entry {
-    /// The pairs in order. If an entry has several inputs, `context` chooses one for each target. If its targets are of
-    /// three kinds, only those of kind `slot` are returned.
+    /// The pairs in order. If an entry has several input views, `context` chooses one for each target. If its format
+    /// lists three kinds of targets, only targets of the kind `slot` are used.
     pub(super) fn pairs(
         &self,
         form: ListForm,

@@ -100,7 +100,7 @@ pub struct ImportedPairs {
     pub pairs: Vec<Pair>,
     /// Scenes of the list that are in no dataset, each once.
     pub absent: Vec<String>,
-    /// Number of repeated pairs in the list.
+    /// Number of pairs that were dropped because they occur earlier in the list.
     pub repeated: usize,
 }
 
@@ -127,13 +127,13 @@ impl ForeignList {
         forms::counts(&self.entries)
     }
 
-    /// Finds the list's pairs in the scenes of datasets. A scene matches by its id, or by the end
-    /// of its id after a `/`; repeated pairs are added once. All pairs are selected; overlaps and
-    /// depths are not measured.
+    /// Finds the list's pairs in the scenes of datasets. A name in the list matches a scene whose id is the name, or
+    /// ends with the name after a `/`. Repeated pairs are added once. All pairs are selected; their overlaps and depths
+    /// are not measured.
     ///
     /// # Errors
-    /// [`PairError::List`] if a scene lacks a listed view, several scenes match, or no pair is
-    /// left.
+    /// [`PairError::List`] if a listed view is missing from its scene, a scene of the list matches several scenes, or
+    /// no pairs are left.
     pub fn import(
         &self,
         context: Context,

@@ -25,9 +25,9 @@ pub(super) const MEANINGS: [&str; 20] = [
     "what to do with views without depth: exclude them from pairs, accept their pairs without an overlap, or leave \
      them out before sets are formed",
     "source of the depth that decides overlap; sparse alone means sparse:8",
-    "when a pixel that lands inside the other picture, at depth z, counts as seen: consistent, if the depth there \
-     differs from z by at most RELATIVE * z; frustum, always; absolute, if it differs by less than METRES + RELATIVE * z \
-     and z exceeds NEAREST, in metres; map-anything, as absolute, with MapAnything's values",
+    "when a pixel that projects into the other picture at depth z, where that picture has depth D, counts as seen: \
+     consistent, if |D - z| <= RELATIVE * z; frustum, always; absolute, if |D - z| < METRES + RELATIVE * z and \
+     z > NEAREST, both in metres; map-anything, as absolute with MapAnything's values",
     "how the other view's depth is read where a pixel lands",
     "what the number of seen pixels is divided by: the pixels with depth, all pixels, or the other view's pixels with \
      depth",

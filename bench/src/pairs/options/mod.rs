@@ -119,8 +119,8 @@ impl fmt::Display for OverlapDepth {
 /// How pairs are made from scenes. [`PairOptions::help`] lists the keys of the text form with their values and
 /// defaults.
 ///
-/// Sets, depth and overlap apply to multi-view scenes. The overlap of a stereo scene's single pair is measured, but the
-/// pair qualifies whatever its overlap. `min-baseline` and the keys after it apply to both kinds of scenes.
+/// Sets, depth and overlap apply to multi-view scenes. A stereo scene has a single pair; its overlap is measured, but
+/// the pair qualifies whatever the overlap is. `min-baseline` and the keys after it apply to both kinds of scenes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[schemars(with = "BTreeMap<String, String>")]
 #[serde(

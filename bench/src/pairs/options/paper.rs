@@ -24,8 +24,8 @@ fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {
 /// The paper's maximum number of pairs per dataset.
 const LIMIT: usize = 512;
 
-/// Keys, in the order of the text form, whose values are known to differ from the paper for at least one of the kinds
-/// of datasets in `kinds`, given the number of selected pairs.
+/// Keys whose values are known to differ from the paper for at least one of the dataset kinds in `kinds`, in the order
+/// of the text form. `pairs` is the number of selected pairs.
 fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec<&'static str> {
     let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::Stereo);
     // A limit that excluded no pair is equivalent to the paper's.
@@ -60,7 +60,7 @@ fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec
 }
 
 impl PairOptions {
-    /// `key=value` of every value that is known to differ from the paper's for datasets of the kind `kind`, given the
+    /// The values that are known to differ from the paper's for datasets of one kind, as `key=value`. `pairs` is the
     /// number of selected pairs.
     pub fn proxies_on(&self, kind: PaperOverlap, pairs: usize) -> Vec<String> {
         self.named(&differing(self, &[kind], pairs))

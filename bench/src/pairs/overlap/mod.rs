@@ -1,8 +1,9 @@
 //! Share of one view that is visible in another.
 //!
-//! The paper selects pairs by "depth overlap" above 60 % without defining it. Here overlap is directed: the pixels of
-//! one view are unprojected by their depth and projected into the other view, where each counts as seen or not. All
-//! arithmetic is f64 and the result is a count, so it depends neither on threads nor on the order of summation.
+//! The paper selects pairs by "depth overlap" above 60 % without defining it. Here overlap has a direction: the pixels
+//! of one view are unprojected by their depth and projected into the other view, where each counts as seen or not. All
+//! arithmetic is in f64 and the result is a count, so neither the number of threads nor the order of the pixels affects
+//! it.
 
 use clap::ValueEnum;
 use glam::{DAffine3, DVec3};
@@ -49,11 +50,11 @@ impl OverlapTest {
 pub enum DepthLookup {
     /// The pixel that contains the position.
     Nearest,
-    /// Interpolation between the four surrounding pixel centres, with the border repeated. The pixel is unseen unless
-    /// all four are valid.
+    /// Interpolation between the four surrounding pixel centres, with the border repeated. If any of the four is
+    /// invalid, the projected pixel counts as unseen.
     Bilinear,
-    /// All valid pixels within this many rows and columns of the position's pixel; one that agrees suffices. For sparse
-    /// depth, where a single pixel rarely has a value.
+    /// All valid pixels within this many rows and columns of the position's pixel; it is enough if one of them agrees.
+    /// For sparse depth, where few pixels have a value.
     #[value(skip)]
     Window { radius: u32 },
 }
@@ -257,8 +258,8 @@ fn is_seen(point: DVec3, other: &PosedDepth, options: &OverlapOptions) -> bool {
     }
 }
 
-/// Depth interpolated between the four surrounding pixel centres, with the border repeated; `None` unless all four are
-/// valid. `u` and `v` must lie inside the image.
+/// Depth interpolated between the four surrounding pixel centres, with the border repeated; `None` if any of the four
+/// is invalid. `u` and `v` must lie inside the image.
 fn sample_bilinear(view: &PosedDepth, u: f64, v: f64) -> Option<f64> {
     let (width, height) = view.depth().dimensions();
     let taps = |at: f64, n: u32| {

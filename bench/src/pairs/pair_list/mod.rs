@@ -1,8 +1,10 @@
 //! Pairs as a file that can be published, verified against local files and compared.
 //!
-//! CSV with one header line, `\n` line endings, rows sorted bytewise by `pair_id`, numbers in the shortest form that
-//! parses back to the same value, an empty field for an unknown value, `selected` as `true` or `false`. The SHA-256 of
-//! a list is that of the file as read, even if an editor changed its byte order mark, line endings or order of rows.
+//! CSV with one header line and `\n` line endings; rows are sorted bytewise by `pair_id`. Numbers have the shortest
+//! form that parses back to the same value, unknown values are empty fields, and `selected` is `true` or `false`.
+//!
+//! The SHA-256 of a list is computed from the file as read. It therefore changes if an editor changes the byte order
+//! mark, line endings or order of rows.
 
 mod csv_form;
 mod diff;
@@ -111,7 +113,7 @@ impl PairList {
         }
     }
 
-    /// The union of this list and a newer one. If a pair is in both, the newer row is used; the pair is selected if
+    /// The union of this list and a newer one. For a pair in both, the newer row is used, and the pair is selected if
     /// either list selects it.
     #[must_use]
     pub fn joined(&self, newer: &Self) -> Self {

@@ -10,10 +10,12 @@ use sharp_datasets::{Scene, View};
 use super::{PairList, absent_scene};
 use crate::pairs::Pair;
 
-/// Baselines count as equal up to this difference, metres: far below any calibration error, far above rounding.
+/// Largest difference at which baselines count as equal, in metres: far below any calibration error, far above
+/// rounding.
 const SAME_BASELINE_M: f64 = 1e-9;
 
-/// Rotations count as equal up to this difference, in degrees. The angle is an arc cosine or sine of rounded numbers.
+/// Largest difference at which rotations count as equal, in degrees. It allows for the rounding of the arc cosine or
+/// sine from which the angle is computed.
 const SAME_ROTATION_DEG: f64 = 1e-6;
 
 /// Result of comparing a list's photographs and cameras with local files.
@@ -61,7 +63,7 @@ pub struct Unreadable {
     pub reason: String,
 }
 
-/// A pair whose cameras differ from the list. Of two values, the first is the list's, the second that of the files.
+/// A pair whose cameras differ from the list. Arrays of two hold the list's value, then that of the files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MovedCamera {
     /// Line in the list's file.

@@ -11,7 +11,7 @@ use crate::evaluate::record::Record;
 use crate::report::column::Column;
 use crate::report::tables::rank::rounded;
 
-/// Values that differ by less count as the same value, computed in a different order.
+/// Values that differ by less than this count as the same value: only the order of computation differs.
 const SAME: f64 = 1e-9;
 
 /// Selection of the averaged pairs.
@@ -85,11 +85,12 @@ pub struct CellExplanation {
     /// The metric as published.
     pub metric: Column,
     pub published: f64,
-    /// The run's own value: default variant, averaged over all pairs as in the run.
+    /// The value that the run itself reports: the metric's default variant, averaged over all pairs by the run's own
+    /// rule.
     pub as_scored: Option<f64>,
     /// Number of pairs in the run. Readings cover only pairs whose picture was kept.
     pub pairs: usize,
-    /// Readings over the largest number of pairs, the run's own first.
+    /// Readings that cover the largest number of pairs, the run's own first. Readings over fewer pairs are left out.
     pub readings: Vec<ReadingValue>,
     pub verdict: Agreement,
 }

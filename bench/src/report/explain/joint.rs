@@ -7,7 +7,8 @@ use crate::evaluate::readings::PictureReading;
 
 use super::cells::{Averaging, CellExplanation, ReadingValue, SceneReading};
 
-/// One reading for all metrics of a dataset. Only the variant may differ: for each metric, it is the nearest one.
+/// One reading applied to all metrics of a dataset. Only the variant may differ from metric to metric: it is the one
+/// that comes nearest to the published number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointReading {
     pub column: &'static str,
@@ -17,8 +18,8 @@ pub struct JointReading {
     pub region: MetricRegion,
     /// For each metric of the table, the variant with its value and its distance to the published number.
     pub variants: Vec<Variant>,
-    /// The largest of the variants' distances, in halves of the last printed digit. At most 1 if all metrics round to
-    /// the published numbers.
+    /// The largest of the variants' distances, in halves of the last printed digit. If it is at most 1, all metrics
+    /// round to the published numbers.
     pub farthest: f64,
 }
 

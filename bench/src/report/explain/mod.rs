@@ -81,8 +81,8 @@ pub fn explain_run(
 }
 
 impl ExplainedRun {
-    /// Whether a number covers too few pairs of the run, or nothing could be compared. Ignores metrics that were not
-    /// requested.
+    /// Whether a number covers too few pairs of the run, or nothing could be compared. Metrics that were not requested
+    /// are ignored.
     pub fn lacks_pairs(&self) -> bool {
         let cells = &self.explanation.cells;
         let is_read = |dataset: &str| {

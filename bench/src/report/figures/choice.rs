@@ -56,9 +56,9 @@ pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
-    /// Which pairs of each dataset to choose, by the first metric, unless --pair is given: the pairs with the median,
-    /// worst or best mean over the ranked methods, or those where METHOD loses most against OTHER (without datasets
-    /// where METHOD never loses)
+    /// How to choose pairs of each dataset if --pair is not given. By the first metric, either the pairs whose mean
+    /// over the ranked methods is the median, the worst or the best; or the pairs on which METHOD loses most against
+    /// OTHER (datasets where it never loses are left out)
     #[arg(
         long,
         value_name = "median|worst|best|loses:METHOD:OTHER",
@@ -162,8 +162,8 @@ pub fn chosen<'a>(
     Ok(chosen)
 }
 
-/// At most `count` pairs of one source, sorted by baseline and spread evenly from the nearest to the farthest. Without
-/// an id, uses the first of the sources with the most targets.
+/// At most `count` pairs of one source, sorted by baseline and spread evenly from the nearest to the farthest. If no
+/// source is given, takes the one with the most targets, or the first of several such sources.
 ///
 /// # Errors
 /// If no pair has this source, given as `dataset/scene/view` like the start of pair ids.
@@ -261,7 +261,7 @@ mod tests {
     fn pairs_where_a_method_loses_most() {
         let mut records = results().records;
         let method = records[0].method.clone();
-        // Better by 0, 2, 4 … dB, but for the last.
+        // Better by 0, 2, 4 … dB, except for the last pair.
         let others = records.clone().into_iter().enumerate().map(|(i, record)| {
             let psnr = record.scores["psnr"].value().unwrap();
             let gain = if i == 5 { -1.0 } else { 2.0 * i as f64 };

@@ -15,10 +15,10 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::error::{MissingPicture, ReportError};
 use crate::report::error_map::false_colours;
 
-/// A sheet with input, view and inverse depth of each pair. Depth is read from `DIR/<pair_id>.npy|npz|exr|pfm|png`
-/// (z-depth in the target's camera, in metres). Without a folder, it is the depth of the kept rendering, as in the
-/// paper. If no rendering was kept, it is the dataset's depth of the target, or else of the source. The caption states
-/// which.
+/// A sheet with input, view and inverse depth of each pair. If a folder is given, depth is read from
+/// `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, in metres). Otherwise it is the depth of the
+/// kept rendering, as in the paper, or if none was kept, the dataset's depth of the target, or else of the source. The
+/// caption states which.
 ///
 /// # Errors
 /// If there is not exactly one method, or the folder does not exist.

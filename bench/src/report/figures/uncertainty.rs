@@ -75,9 +75,10 @@ impl Mirrored {
     }
 }
 
-/// Predicts the depth of a picture and of its mirror image with a checkpoint: one map for Depth Pro, both layers for
-/// SHARP (`mini` for the bundled one). `config` is the architecture, `FILE.json#NAME`, by default the release's. No
-/// focal length is needed, because it scales both depths alike.
+/// Predicts the depth of a picture and of its mirror image. The result is one pair of maps for a checkpoint of Depth
+/// Pro, and one for each of the two layers for SHARP. `checkpoint` may be `mini`, the bundled network of SHARP;
+/// `config` is the architecture (`FILE.json#NAME`), by default the release's. No focal length is needed, because it
+/// scales both depths alike.
 ///
 /// # Errors
 /// If the network cannot be read or does not accept the picture.

@@ -17,8 +17,8 @@ use super::rows::{OwnRow, OwnRows, RowError};
 #[derive(Debug, Clone, Default)]
 pub struct Beside {
     pub rows: Vec<OwnRow>,
-    /// At most one variant per metric. For a metric that is not listed, the default variant is shown, or else the first
-    /// variant that all rows have.
+    /// The variants to show, at most one per metric. A metric without an entry is shown in its default variant if all
+    /// rows have it, or else in the first variant that all rows have.
     pub metrics: Vec<MetricKey>,
     /// Whether to omit datasets for which the user has no number.
     pub only_measured: bool,

@@ -353,11 +353,11 @@ mod tests {
         assert_eq!(percent("DISTS"), (21.0, 43.0));
         let remark = &table.table(&[0]).remarks[0];
         assert!(remark.contains("DISTS 21–43 %, LPIPS 25–34 %"), "{remark}");
-        // Not over the best row of each column: TMPI is ahead of Gen3C on Middlebury.
+        // The gains are over Gen3C, not over the best row of each column: TMPI is ahead of Gen3C on Middlebury.
         assert!(gains(table, ["SHARP (ours)", "TMPI"], "LPIPS").unwrap().0 < 0.20);
     }
 
-    /// The text's 62 % of DISTS is 61 % by the printed numbers.
+    /// The paper's text states a gain of 62 % for DISTS; its printed numbers give 61 %.
     #[test]
     fn the_texts_gains_of_the_perceptual_loss_are_computed() {
         let remark = |name: &str| published(name).unwrap().table(&[0]).remarks[0].clone();

@@ -44,7 +44,7 @@ pub enum RowError {
     Label(String),
     #[error("the label '{0}' is given twice")]
     Repeated(String),
-    #[error("{}: it has {what}; select one of them, {}:METHOD", path.display(), path.display())]
+    #[error("{}: it has {what}; select one of them with {}:METHOD", path.display(), path.display())]
     Method {
         path: PathBuf,
         /// Description of the available methods.
@@ -70,7 +70,7 @@ pub enum RowError {
 impl std::str::FromStr for RowSource {
     type Err = Infallible;
 
-    /// The part after the last colon is a method, unless the whole text is the path of something that exists.
+    /// Takes the part after the last colon as a method, unless the whole text is an existing path.
     fn from_str(text: &str) -> Result<Self, Infallible> {
         let source = |path: &str, method: Option<&str>| Self {
             path: path.into(),

@@ -9,14 +9,14 @@ use sharp_plots::bins::{Bin, Cuts, bins};
 
 /// The position beyond which the mean of every bin is above zero.
 ///
-/// It is where the line from the last bin whose mean is not above zero to the next bin crosses zero. If there are empty
-/// bins between these two, it is the position of the next bin.
+/// It lies between the last bin whose mean is not above zero and the next bin, where the line through their means
+/// crosses zero. If there are empty bins between the two, no line joins them, and it is the position of the next bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossing {
     /// The position: −∞ if the mean is already above zero in the first bin, ∞ if it is not above zero in the last.
     pub x: f64,
-    /// 95 % interval of the position over resamples, each of which draws the same number of whole clusters with
-    /// replacement. `None` for fewer than two clusters. Its ends may be infinite, like the position itself.
+    /// 95 % interval of the position over resamples. Each resample draws whole clusters with replacement, as many as
+    /// there are. `None` for fewer than two clusters. An end may be infinite, like the position itself.
     pub interval: Option<(f64, f64)>,
     pub clusters: usize,
 }

@@ -59,8 +59,8 @@ pub fn write(
     Ok(SweepFiles { written, removed })
 }
 
-/// Files that an earlier sweep may have left besides its main table: the crossings, and a plot of each metric in that
-/// table. Each is returned with the text by which [`remove_own`] recognises it.
+/// Files that an earlier sweep may have left besides its main table: the crossings, and a plot for each metric in that
+/// table. Each is returned with the mark by which [`remove_own`] recognises it.
 fn earlier(out: &Path, stem: &str) -> BTreeMap<PathBuf, &'static str> {
     let named = |end: &str| out.join(format!("{stem}{end}"));
     let table = sharp::files::read(&named(".csv")).unwrap_or_default();

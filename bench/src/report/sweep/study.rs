@@ -59,7 +59,7 @@ pub struct SweepLine {
     pub bins: Vec<Vec<SweepBin>>,
 }
 
-/// A bin, with those of its pairs that have a score.
+/// A bin with those pairs that have a score.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepBin {
     pub banded: Banded,
@@ -89,8 +89,8 @@ pub enum CrossingRule {
 }
 
 impl SweepPanel {
-    /// The bins of a metric, keyed by number. Each has the smallest and the largest number of pairs that a line has
-    /// there.
+    /// The bins of a metric, keyed by bin number, with the smallest and the largest number of pairs that any line has
+    /// in the bin.
     pub(super) fn counts(&self, metric: usize) -> BTreeMap<i64, BinCount> {
         let mut counts: BTreeMap<i64, BinCount> = BTreeMap::new();
         for bin in self.lines.iter().flat_map(|line| &line.bins[metric]) {

@@ -55,8 +55,8 @@ pub fn csv(sweep: &Sweep) -> Vec<u8> {
     csv_bytes(COLUMNS.split(','), rows)
 }
 
-/// One row per crossing. The position is `-inf` if the crossing is before the first bin, and `inf` if it is not reached
-/// in the last.
+/// One row per crossing. Its position is `-inf` if the method is worse in every bin, and `inf` if it is not worse in
+/// the last bin.
 pub fn crossings_csv(sweep: &Sweep) -> Vec<u8> {
     let rows = sweep.crossings.iter().map(|crossing| {
         let interval = crossing.found.interval;
@@ -77,7 +77,7 @@ pub fn crossings_csv(sweep: &Sweep) -> Vec<u8> {
     csv_bytes(CROSSINGS.split(','), rows)
 }
 
-/// The rule as text: `behind METHOD`, or the worse of `below VALUE` and `above VALUE`.
+/// The rule as text: `behind METHOD`, `below VALUE` if higher is better, or `above VALUE` if lower is better.
 pub fn rule(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     let side = match sweep.metrics[crossing.metric].direction {
         Some(Direction::Higher) => "below",

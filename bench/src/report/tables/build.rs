@@ -14,9 +14,9 @@ pub const REPORTED: &str = "reported";
 /// Maximum number of value columns in a table, as in the paper's tables.
 const MAX_COLUMNS: usize = 12;
 
-/// Tables of a board's scores; none if there are no metrics. With at most twelve columns, there is a single table named
-/// `scores`. Otherwise, as in the paper, perceptual metrics (DISTS, LPIPS) are separated from pixelwise ones, in as
-/// many tables as needed.
+/// Tables of a board's scores; none if there are no metrics. If all scores fit into twelve columns, there is a single
+/// table named `scores`. Otherwise, as in the paper, perceptual metrics (DISTS, LPIPS) and pixelwise ones have separate
+/// tables, as many as needed.
 pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     if metrics.is_empty() {
         return Vec::new();

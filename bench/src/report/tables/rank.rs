@@ -16,8 +16,8 @@ pub struct RankedValue<'a> {
 }
 
 /// Ranks the best three numbers after rounding to `decimals`. Equal numbers share a rank, and the next rank counts all
-/// numbers before it (1, 1, 3). If some rows cover every pair, only these are ranked. Otherwise, rows are ranked only
-/// if they all cover the same pairs. A single row has no rank.
+/// numbers before it (1, 1, 3). If some rows cover every pair, only these are ranked. If none does, rows are ranked
+/// only if all cover the same pairs. A single row has no rank.
 pub fn ranks(
     candidates: &[RankedValue<'_>],
     direction: Option<Direction>,

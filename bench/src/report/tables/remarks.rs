@@ -12,7 +12,8 @@ use crate::report::statistics::of_extra;
 use super::Table;
 use super::rank::rounded;
 
-/// If a method scores worse than a baseline, its holes are mentioned if they are at least this share of the pixels.
+/// A remark on a method that scores worse than a baseline mentions its holes if they cover at least this share of the
+/// pixels.
 const MIN_HOLE_SHARE: f64 = 0.01;
 
 /// The metrics that have a score in some record, and a sentence on why the other metrics have no scores. If no metric
@@ -66,8 +67,8 @@ struct Entrant<'a> {
     facts: &'a ReportMethod,
 }
 
-/// Remarks on the baselines of each dataset: in which metrics a baseline has a better mean than all other methods, or
-/// than a method with holes. `table` has a row for each method of the board.
+/// Remarks on the baselines of each dataset. They name the metrics in which a baseline has a better mean than every
+/// other method, or than a method with holes. `table` has a row for each method of the board.
 pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     let names = Column::names(&table.columns);
     let mut remarks = Vec::new();

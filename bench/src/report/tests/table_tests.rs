@@ -202,7 +202,7 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
     ] {
         assert!(notes(label).contains(said), "{}", notes(label));
     }
-    // A footnote does not remove a rank.
+    // A rank stays even if its cell has a footnote.
     assert!(table.rows.iter().all(|row| row.cells[0].rank == Some(1)));
     // A note on the common region names no method.
     results.manifest.common_region = true;

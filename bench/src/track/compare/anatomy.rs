@@ -23,15 +23,15 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::pictures::ReportPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
-/// Two depths that differ by more than this share belong to different surfaces, as for overlap.
+/// Two depths belong to different surfaces if they differ by more than this share. Overlap uses the same value.
 const SURFACE_TOLERANCE: f64 = 0.05;
-/// Pixels up to this distance from a depth edge belong to it.
+/// Width of the band along a depth edge that belongs to the edge, on each side, in pixels.
 const EDGE_RADIUS: i64 = 3;
-/// A class has scores only if it has at least this share of a pair's scored pixels.
+/// A class has scores for a pair only if it has at least this share of the pair's scored pixels.
 const MIN_SHARE: f64 = 0.001;
 
-/// Class of a target pixel, for methods that use only the source. If several classes apply, the first in this order is
-/// taken.
+/// Class of a target pixel for methods that use only the source. A pixel to which several classes apply gets the first
+/// of them in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PixelClass {
     /// Within three pixels of a pixel whose depth differs from a neighbour's by more than 5 % of the nearer depth.

@@ -47,7 +47,8 @@ impl Division {
         }
     }
 
-    /// A record's value of the measure of motion that divides the pairs; `None` if it is unknown or not finite.
+    /// A record's motion, as measured by this division; `None` if it is unknown or not finite, or if the division is
+    /// not by motion.
     fn value(self, record: &Record) -> Option<f64> {
         match self {
             Self::Scene | Self::Pixels => None,
@@ -84,9 +85,9 @@ pub struct Stratum {
 }
 
 impl RunComparison {
-    /// Differences between two methods for each part of a dataset (by [`Division::of_pairs`]): scenes in the order of
-    /// their first pair's id, bins in ascending order. A measure of motion that puts all pairs of a dataset into one
-    /// bin is left out.
+    /// Differences between two methods for each part of a dataset, by every division of [`Division::of_pairs`]. Scenes
+    /// are in the order of their first pair's id, bins in ascending order. A measure of motion that puts all pairs of a
+    /// dataset into one bin is left out.
     pub fn breakdown(&self, against: &Against, metric: &MetricInfo) -> Vec<Stratum> {
         let mut changes = self.sides(against).changes(metric);
         changes.sort_by(|a, b| a.a.pair_id.cmp(&b.a.pair_id));

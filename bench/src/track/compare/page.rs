@@ -67,8 +67,8 @@ impl RunComparison {
         })
     }
 
-    /// The output of `compare --json`: the comparison with its [strata](Self::strata), and with `flips` unless these
-    /// are empty.
+    /// The output of `compare --json`: the comparison with its [strata](Self::strata) and, if there are any, the
+    /// `flips`.
     pub fn json(&self, strata: &[Stratum], flips: &[Flips<'_>]) -> Value {
         let mut json = json!({
             "schema": 1,
@@ -86,7 +86,7 @@ impl RunComparison {
         json
     }
 
-    /// The pairs of each method and metric, largest loss first. With `of_either_end`, only that many of the largest
+    /// The pairs of each method and metric, largest loss first. `of_either_end` limits them to that many of the largest
     /// losses and as many of the largest gains.
     pub fn pair_lines(&self, of_either_end: Option<usize>) -> Vec<PairLine<'_>> {
         let mut lines = Vec::new();

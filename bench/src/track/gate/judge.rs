@@ -306,8 +306,8 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Why a row cannot detect the difference in `require_power`, if one is required. `None` if both sides are equal,
-    /// because there is nothing to detect.
+    /// Why a row's data do not suffice for `require_power`, that is, to detect a difference of the required size.
+    /// `None` if they do, if no power is required, or if both sides are equal, because there is nothing to detect.
     fn lacks_power(&self, info: &MetricInfo, row: &ScoreChange) -> Option<String> {
         let required = self.config.require_power.iter();
         let required = required.filter(|(name, _)| name.names(info));
@@ -331,7 +331,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Applies a limit to each scene. Returns all checks that fired; if none did, the check closest to firing.
+    /// Applies a limit to each scene. Returns all checks that fired or, if none did, the check that came closest to
+    /// firing.
     fn scenes(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
         let place = dataset.unwrap_or(ALL);
         let strata = self.comparison.breakdown(subject.against, subject.info);

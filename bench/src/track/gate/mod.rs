@@ -1,5 +1,6 @@
-//! Decides whether run B may replace run A. Limits fire if a score is worse by more than allowed *and* chance is an
-//! unlikely cause, if single scenes are worse, if pairs lost their scores, or if predictions cost more.
+//! Decides whether run B may replace run A. A limit fires in any of these cases: a mean score is worse by more than the
+//! limit *and* the difference is statistically significant; a single scene is worse by more than its limit; pairs lost
+//! their scores; or predictions cost more.
 //!
 //! * [`config`]: limits and their text form; [`output`]: tables, JUnit XML and Markdown.
 //! * `judge`: applies limits on scores and coverage to a comparison; `cost`: limits on time and

@@ -158,8 +158,8 @@ fn check(occasion: &Occasion) -> Result<(), String> {
 /// concurrently.
 ///
 /// # Errors
-/// If the run cannot be read, the folder has no entry but other files, or the entry cannot be
-/// written. It is no error if the head of an existing entry is damaged; the entry keeps its number.
+/// If the run cannot be read, the folder has no entry but other files, or the entry cannot be written. A damaged
+/// existing entry is not an error; it keeps its number.
 pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryError> {
     let mut bundle = Bundle::read(run)?;
     bundle.occasion = Some(occasion.clone());
@@ -259,8 +259,8 @@ fn entry_path(dir: &Path, number: u32) -> PathBuf {
     dir.join(format!("{number:04}.zip"))
 }
 
-/// The numbers of the entries in a folder, judged by name alone (see [`entry_path`]), and the name of one thing that is
-/// not an entry, if there is any. Ignores names that begin with a dot.
+/// The numbers of a folder's entries, and the name of one thing that is not an entry, if there is any. Entries are
+/// recognised by name alone (see [`entry_path`]). Names that begin with a dot are ignored.
 fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     let entries = fs::read_dir(dir).map_err(FileError::new(dir, "read"))?;
     let (mut numbers, mut foreign) = (BTreeSet::new(), None);

@@ -494,7 +494,7 @@ fn a_damaged_entry_costs_the_others_nothing() {
     let mut bytes = std::fs::read(&second).unwrap();
     bytes.truncate(bytes.len() / 2);
     std::fs::write(&second, &bytes).unwrap();
-    // A bundle that is not an entry.
+    // A bundle without the date and label of an entry.
     let bare = Run::default().bundle().bytes().unwrap();
     std::fs::write(folder.history().join("0004.zip"), bare).unwrap();
 

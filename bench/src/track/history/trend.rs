@@ -1,17 +1,18 @@
 //! Scores from entry to entry, and the entries that changed them.
 //!
 //! # Comparable entries
-//! An entry continues a series from the latest earlier entry that it can be
-//! [compared](crate::track::compare) with on that dataset under that metric, with the same
-//! photographs. If that is not the previous entry, the series is broken at this point and the
-//! reason is recorded. An entry that is comparable with no earlier one starts a new part.
+//! An entry continues a series from an earlier entry: the latest one that can be [compared](crate::track::compare) with
+//! it on that dataset under that metric, and that has the same photographs. If this is not the previous entry, the
+//! series is broken at this point and the reason is recorded. An entry that is comparable with no earlier one starts a
+//! new part.
 //!
 //! # Change points
 //! Both rules use the test of `compare` on the same pairs, at 0.05 after Holm's correction over the
 //! compared datasets:
 //! * [`Rule::Step`]: compares an entry with the one that it continues;
-//! * [`Rule::Drift`]: if there is no step, compares the entry with the last change point of its part, or else with the
-//!   start of the part, to find a change that is too slow for any single step once it has accumulated.
+//! * [`Rule::Drift`]: if there is no step, compares the entry with the last change point of its part or, if there is
+//!   none, with the start of the part. It finds slow changes, none of whose steps is significant, once they have
+//!   accumulated.
 //!
 //! There is no correction over entries, metrics and methods: if scores differ by chance alone,
 //! either rule marks one entry in twenty. Bit-identical scores are never a change.
@@ -118,7 +119,7 @@ struct Stretch {
     reference: Arc<Entry>,
 }
 
-/// All series, updated entry by entry. Entries that no later one can be compared with are dropped.
+/// All series, updated entry by entry. An entry is dropped once no later entry can be compared with it any more.
 #[derive(Debug, Default)]
 pub(super) struct Trend(Vec<Growing>);
 
