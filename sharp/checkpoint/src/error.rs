@@ -53,7 +53,9 @@ impl Fault {
             Self::Io(source) => CheckpointError::Io { path, source },
             Self::Malformed(reason) => CheckpointError::Malformed { path, reason },
             Self::CutOff(at) => {
-                let reason = format!("pickle: cut off at byte {at} (or above {MAX_PICKLE_LEN})");
+                let reason = format!(
+                    "pickle: no end within {at} bytes (the file is truncated, or the pickle exceeds {MAX_PICKLE_LEN} bytes)"
+                );
                 CheckpointError::Malformed { path, reason }
             }
             Self::ForbiddenGlobal(global) => CheckpointError::ForbiddenGlobal { path, global },

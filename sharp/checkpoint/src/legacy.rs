@@ -51,7 +51,7 @@ fn contents(file: &(impl Bytes + ?Sized), start: &[u8]) -> Result<NamedTensors, 
     if let Value::Dict(id) = system
         && heap.dicts[id as usize].contains(&(Value::Str("little_endian"), Value::Bool(false)))
     {
-        return malformed!("written on a big-endian machine");
+        return malformed!("written on a big-endian machine, which is not supported");
     }
     let places = storages(file, at, &heap, keys)?;
     resolve(&heap, root, file.len(), |storage| {
@@ -76,13 +76,13 @@ fn storages<'a>(
             .is_some_and(|other| other != storage)
         {
             return malformed!(
-                "storage '{}' has two contradicting descriptions",
+                "storage '{}' is described twice, with different types or sizes",
                 storage.key
             );
         }
     }
     let Value::List(id) = keys else {
-        return malformed!("the storages' keys are not a list but {}", keys.kind());
+        return malformed!("the keys of the storages are {}, not a list", keys.kind());
     };
     let mut places = BTreeMap::new();
     for key in &heap.lists[id as usize] {

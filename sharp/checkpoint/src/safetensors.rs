@@ -41,7 +41,7 @@ impl<'de> Deserialize<'de> for SafetensorsHeader {
             type Value = SafetensorsHeader;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("an object of tensors")
+                f.write_str("an object that maps names to tensors")
             }
 
             fn visit_map<A: MapAccess<'de>>(

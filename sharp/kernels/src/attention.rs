@@ -309,8 +309,8 @@ fn softmax_body<const FMA: bool>(
     }
 }
 
-/// `exp(scale · (score - top))`, but at least `exp(-80)`: smaller weights are negligible, and being subnormal would be
-/// slow. Uses a comparison rather than `max` so that NaN propagates.
+/// `exp(scale · (score - top))`, but at least `exp(-80)`: smaller weights are negligible, and arithmetic on subnormal
+/// numbers is slow. Uses a comparison rather than `max` so that NaN propagates.
 #[inline(always)]
 fn weight<const FMA: bool>(score: f32, top: f32, scale: f32) -> f32 {
     let x = scale * (score - top);

@@ -50,7 +50,7 @@ struct Tasks {
     m: usize,
 }
 
-/// A number of tile rows or panels, cut into equal shares of one task each; the last share may be smaller.
+/// Splits a number of row tiles or panels into equal shares, one per task. The last share may be smaller.
 struct TaskCut {
     total: usize,
     share: usize,
