@@ -15,7 +15,7 @@ pub enum Picture {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PictureError {
     #[error(
-        "area only reduces pictures; bilinear, bilinear-antialias, bicubic and lanczos also enlarge them"
+        "the kernel area only reduces pictures; use bilinear, bilinear-antialias, bicubic or lanczos to enlarge them"
     )]
     AreaEnlarges,
     #[error("the picture is {width}x{height}: it has no pixels")]
@@ -193,7 +193,7 @@ impl Normalization {
     }
 }
 
-/// v / 255 in f64. A division per pixel would cost more than the rest of a metric.
+/// Element v is v / 255 in f64. A division per pixel would cost more than the rest of a metric.
 const LEVELS: [f64; 256] = {
     let mut levels = [0.0; 256];
     let mut v = 0;
