@@ -26,8 +26,8 @@ pub enum InfiniteDepth {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrustumMaskOptions {
-    /// Half the width and height of the source's widened field of view, in normalised coordinates with the image's
-    /// edges at ±1; inclusive.
+    /// The source's field of view is widened to ± this value in x and y, inclusive. In these normalised coordinates,
+    /// the image's edges are at ±1.
     pub margin: f64,
     pub infinite_depth: InfiniteDepth,
 }

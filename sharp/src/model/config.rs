@@ -71,8 +71,8 @@ impl AlignmentInput {
     }
 }
 
-/// Hash of a configuration that is or contains a [`ModelConfig`]. A key that was added later counts only where it differs
-/// from its default, so that hashes by earlier programs remain valid.
+/// SHA-256 of a configuration that is or contains a [`ModelConfig`]. A key added in a later version is included only if
+/// it differs from its default, so that hashes from earlier versions remain valid.
 pub fn config_sha256(config: &impl Debug) -> String {
     // Debug output of numbers, strings and lists of them is unambiguous and cannot fail.
     let text = format!("{config:?}").replace(", alignment_input: None", "");

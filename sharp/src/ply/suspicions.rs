@@ -222,8 +222,8 @@ impl Range {
         })
     }
 
-    /// True if all values are in 0..1. If all are equal, also requires the stored value to be a
-    /// round number and its logistic not to be.
+    /// True if the values look like opacities without the logit: all are in 0..1. If all are equal, the value
+    /// itself must also be a round number, and its logistic must not.
     fn is_activated(&self) -> bool {
         let inside = self.least >= 0.0 && self.most <= 1.0;
         inside
@@ -242,17 +242,17 @@ impl Range {
     }
 }
 
-/// Logarithm of an opacity that one in twenty Gaussians of a scene exceed.
+/// In a real scene, at least one in twenty Gaussians has an opacity whose logarithm exceeds this.
 const NEARLY_OPAQUE: f32 = -0.25;
-/// Logarithm of an opacity that half of the Gaussians of a scene exceed.
+/// In a real scene, at least half of the Gaussians have an opacity whose logarithm exceeds this.
 const MOSTLY_OPAQUE: f32 = -0.4;
 
 fn is_round(value: f32) -> bool {
     (value * 1000.0 - (value * 1000.0).round()).abs() < 1e-3
 }
 
-/// A standard deviation that is implausible in any scene, if half of them are wider than the whole scene or one exceeds
-/// a million.
+/// An implausible standard deviation of the scene, if there is one: the largest, if it exceeds a million, or else the
+/// median, if it exceeds the extent of the scene.
 pub fn enormous_scale(gaussians: &Gaussians) -> Option<f32> {
     let finite: Vec<usize> = (0..gaussians.len())
         .filter(|&k| gaussians.is_finite(k))

@@ -34,7 +34,7 @@ impl RenderView {
     pub const EPS2D_RELEASE: f32 = 0.0;
     /// `low_pass_filter_eps` in the release's predictor configuration, which no code uses.
     pub const EPS2D_CONFIG: f32 = 0.01;
-    /// Default of gsplat and of every web viewer; gives a visibly different image.
+    /// Low-pass of gsplat by default and of every web viewer; gives a visibly different image.
     pub const EPS2D_GSPLAT: f32 = 0.3;
     /// Maximum width and height in pixels.
     pub const MAX_SIDE: u32 = MAX_SIDE;

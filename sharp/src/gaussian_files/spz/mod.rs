@@ -159,7 +159,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     Ok(out)
 }
 
-/// The two highest bits identify the largest of x, y, z, w, which is positive; the others follow as sign and magnitude.
+/// Decodes a quaternion. The two highest bits identify the largest of x, y, z, w, which is positive; the other
+/// components follow as sign and magnitude.
 fn rotation_of(packed: u32) -> [f32; 4] {
     let largest = (packed >> 30) as usize;
     let mut xyzw = [0.0_f64; 4];
@@ -191,7 +192,7 @@ fn gzip_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
     begun.map_err(|error| damaged(unfolding(&error)))?;
     let header = Header::parse(&start)?;
     if header.version == 4 {
-        return Err(damaged("version 4 within gzip"));
+        return Err(damaged("version 4 must not be packed by gzip"));
     }
     let sizes = header
         .blocks()
@@ -214,7 +215,7 @@ fn zstd_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
     let start: &[u8; WIDE_HEADER] = bytes.first_chunk().ok_or_else(cut)?;
     let header = Header::parse(start.first_chunk().ok_or_else(cut)?)?;
     if header.version != 4 {
-        let what = format!("version {} without gzip", header.version);
+        let what = format!("version {} must be packed by gzip", header.version);
         return Err(damaged(what));
     }
     let wanted = if header.degree == 0 { 5 } else { 6 };
@@ -239,7 +240,7 @@ fn zstd_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
         let expected = header.count.saturating_mul(size);
         if raw != expected {
             let what = format!(
-                "a stream of {raw} bytes where {} Gaussians need {expected}",
+                "a stream of {raw} bytes, but {} Gaussians need {expected}",
                 header.count
             );
             return Err(damaged(what));

@@ -21,7 +21,7 @@ use super::predictor::{Planes, planes_of};
 use crate::image_file::focal::{Focal, FocalSource, focal_px_from_35mm};
 use crate::image_file::{self, AlphaRule, OrientationRule, PictureRules};
 
-/// Focal lengths below this number of picture widths, a field of view of 136 degrees, give a warning.
+/// A focal length below this multiple of the picture's width (a field of view above 136 degrees) gives a warning.
 const MIN_WIDTHS: f64 = 0.2;
 
 #[derive(Debug, Clone, Copy, PartialEq)]

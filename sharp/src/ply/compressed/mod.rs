@@ -173,7 +173,8 @@ fn shares_11_10_11(packed: u32) -> [f64; 3] {
     ]
 }
 
-/// The two highest bits identify the largest of w, x, y, z, which is positive; the others follow.
+/// Decodes a quaternion. The two highest bits identify the largest of w, x, y, z, which is positive; the other
+/// components follow.
 fn rotation_of(packed: u32) -> [f32; 4] {
     let largest = (packed >> 30) as usize;
     let mut quaternion = [0.0_f64; 4];

@@ -119,7 +119,9 @@ impl Gpu {
         DeviceFault::Memory(what).at(&self.adapter)
     }
 
-    /// Submits the commands, waits, and passes the first bytes of each staging buffer (as many as given) to `read`.
+    /// Submits the commands, waits, and reads back staging buffers. `staged` lists each buffer with the number of bytes
+    /// to
+    /// read from its start; `read` receives its index in this list and these bytes.
     pub(super) fn finish(
         &self,
         encoder: wgpu::CommandEncoder,
