@@ -73,8 +73,7 @@ pub enum LpipsVariant {
     /// then computed in the mask's bounding box.
     BoxPaste,
     /// The masked variant of ScanNet++'s toolbox: the mean of each layer covers only positions that no pixel outside
-    /// the
-    /// mask influences; ε = 1e-8 is added to the norm.
+    /// the mask influences; ε = 1e-8 is added to the norm.
     LayerMask,
 }
 

@@ -71,13 +71,13 @@ pub(crate) struct Distance {
     pub(crate) maps: Vec<TapMap>,
 }
 
-/// For each tap of VGG16, the number of positions by which the convolutions since the preceding tap
-/// reach out on each side: half the side of their receptive field, rounded down.
+/// For each tap of VGG16, the number of positions by which the convolutions since the preceding tap reach out on each
+/// side: half the side of their receptive field, rounded down.
 const VGG_REACH: [usize; 5] = [2, 2, 3, 3, 3];
 
 impl Distance {
-    /// Sum over VGG16's layers, where each layer's mean covers only the positions that no pixel outside
-    /// the mask influences. Pixels beyond the picture's border count as inside. Requires maps.
+    /// Sum over VGG16's layers, where each layer's mean covers only the positions that no pixel outside the mask
+    /// influences. Pixels beyond the picture's border count as inside. Requires maps.
     pub(crate) fn inside_layers(&self, mask: &Mask) -> Result<f64, Unavailable> {
         let mut reached = mask.clone();
         let mut distance = 0.0;

@@ -60,8 +60,8 @@ impl Scorer {
     /// Prepares a selection of metrics with the available weights.
     ///
     /// # Errors
-    /// [`WeightsError`] if a given weights file is needed but cannot be used. Missing weights are not an
-    /// error: metrics that need them are [`Unavailable`].
+    /// [`WeightsError`] if a given weights file is needed but cannot be used. Missing weights are not an error: metrics
+    /// that need them are [`Unavailable`].
     pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
         Self::with_options(selection, weights, ScorerOptions::default())
     }
@@ -95,9 +95,8 @@ impl Scorer {
         }
     }
 
-    /// LPIPS of version 0.0, which has no key; used to find out how a given number was computed. The
-    /// pictures must have the same size. `None` if no selected metric uses that network, or its weights
-    /// are missing.
+    /// LPIPS of version 0.0, which has no key; used to find out how a given number was computed. The pictures must have
+    /// the same size. `None` if no selected metric uses that network, or its weights are missing.
     ///
     /// # Errors
     /// [`Unavailable`] if these pictures have no value.

@@ -26,8 +26,8 @@ use map::map_rows;
 use spec::SsimSpec;
 pub use variant::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow};
 
-/// Mean of the SSIM map. With a mask, only windows whose centre is inside it count; some variants
-/// require the whole window to be inside. The pictures (and the mask) must have the same size.
+/// Mean of the SSIM map. With a mask, only windows whose centre is inside it count; some variants require the whole
+/// window to be inside. The pictures (and the mask) must have the same size.
 ///
 /// # Errors
 /// If the pictures are smaller than a window, or no window qualifies.

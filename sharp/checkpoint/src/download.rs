@@ -53,10 +53,8 @@ impl Download {
     /// Downloads the whole file to `part`.
     ///
     /// A transfer interrupted during this or an earlier call is resumed. The call gives up after [`ATTEMPTS`]
-    /// consecutive
-    /// attempts without a new byte. If the server reports that its file has changed in the meantime, the download
-    /// starts
-    /// over. Proxies are configured by the usual environment variables.
+    /// consecutive attempts without a new byte. If the server reports that its file has changed in the meantime, the
+    /// download starts over. Proxies are configured by the usual environment variables.
     ///
     /// # Errors
     /// [`DownloadError`] with the address and the reason. The bytes received so far stay in `part`.

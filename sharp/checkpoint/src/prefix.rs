@@ -14,8 +14,7 @@ const WRAPPERS: [&str; 4] = [
 
 impl Checkpoint {
     /// Removes wrapper prefixes and wrapper components from all tensor names. A name's prefix is everything before one
-    /// of
-    /// `roots`, the first components of the network's own names. Returns what was removed (`module._orig_mod.`), if
+    /// of `roots`, the first components of the network's own names. Returns what was removed (`module._orig_mod.`), if
     /// anything.
     ///
     /// # Errors

@@ -309,8 +309,8 @@ impl Levels {
     }
 }
 
-/// Decodes a quaternion w, x, y, z. `last` identifies its largest component, which is positive; the
-/// other bytes are the remaining components in order. An undefined `last` gives the identity.
+/// Decodes a quaternion w, x, y, z. `last` identifies its largest component, which is positive; the other bytes are the
+/// remaining components in order. An undefined `last` gives the identity.
 fn rotation_of([a, b, c, last]: [u8; 4]) -> [f32; 4] {
     let Some(largest) = last.checked_sub(252).map(usize::from) else {
         return [1.0, 0.0, 0.0, 0.0];

@@ -246,8 +246,8 @@ impl Sensor {
         format!(" (by the file's FocalPlaneXResolution, the sensor is {width_mm:.1} mm wide)")
     }
 
-    /// Warns that the pixel pitch gives a focal length other than `px`. Resizing a picture changes
-    /// its pixel pitch; cropping changes its 35 mm equivalent.
+    /// Warns that the pixel pitch gives a focal length other than `px`. Resizing a picture changes its pixel pitch;
+    /// cropping changes its 35 mm equivalent.
     fn text(self, source: FocalSource, px: f64) -> String {
         let Self {
             lens_mm,

@@ -128,8 +128,8 @@ impl CheckpointSource {
     }
 
     /// A warning about weights that training does not produce; `None` if there are none. These are tensors that end in
-    /// zeros, as in a file that was only partly written or copied, and tensors that are equal in several layers.
-    /// Layers that are zero before training are ignored.
+    /// zeros, as in a file that was only partly written or copied, and tensors that are equal in several layers. Layers
+    /// that are zero before training are ignored.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`] if the file cannot be read.

@@ -354,8 +354,8 @@ impl StoredForm {
         if self.harmonics == Some(Harmonics::Interleaved) {
             let each = gaussians.harmonics.per_gaussian().max(1);
             for own in gaussians.harmonics.coefficients.chunks_mut(each) {
-                // `place` is a position in the file. There, `place / each` is the channel according to the
-                // format, `place % 3` the channel that the program actually wrote.
+                // `place` is a position in the file. There, `place / each` is the channel according to the format,
+                // `place % 3` the channel that the program actually wrote.
                 let as_read = own.to_vec();
                 for place in 0..3 * own.len() {
                     let (one, other) = ((place % each, place / each), (place / 3, place % 3));

@@ -222,8 +222,8 @@ impl Range {
         })
     }
 
-    /// True if the values look like opacities without the logit: all are in 0..1. If all are equal, the value
-    /// itself must also be a round number, and its logistic must not.
+    /// True if the values look like opacities without the logit: all are in 0..1. If all are equal, the value itself
+    /// must also be a round number, and its logistic must not.
     fn is_activated(&self) -> bool {
         let inside = self.least >= 0.0 && self.most <= 1.0;
         inside

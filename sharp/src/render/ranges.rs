@@ -1,8 +1,7 @@
 //! Pass `ranges`: start and end of each tile's list, and the lists themselves.
 //!
 //! The GPU sorts (tile, Gaussian) pairs by tile and finds the boundaries. Here, on the CPU, it is cheaper to count,
-//! scan
-//! and fill within each bin, which gives the same lists in the same order.
+//! scan and fill within each bin, which gives the same lists in the same order.
 
 use super::emit::BIN;
 use super::project::{Footprint, Splat};
@@ -28,8 +27,8 @@ pub(super) struct LocalSplat<S = f32> {
     pub(super) slanted: bool,
 }
 
-/// A Gaussian is slanted if (a / (π/4))² is below this, where a is the fraction of its bounding box
-/// that the ellipse covers.
+/// A Gaussian is slanted if (a / (π/4))² is below this, where a is the fraction of its bounding box that the ellipse
+/// covers.
 const SLANTED: f32 = 0.5;
 
 impl LocalSplat {

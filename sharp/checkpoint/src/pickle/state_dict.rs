@@ -17,8 +17,7 @@ pub(crate) struct NamedTensors {
 }
 
 /// Selects the state dict in `root`. If `root` itself contains tensors, it is the state dict; otherwise, exactly one
-/// dict
-/// within it must contain tensors.
+/// dict within it must contain tensors.
 ///
 /// `place` returns the byte range of a storage in the file of `file_len` bytes.
 pub(crate) fn resolve<'a>(

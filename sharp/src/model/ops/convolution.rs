@@ -249,8 +249,8 @@ impl Operation for Deconvolution {
         (out, vec![1, rows, columns, output])
     }
 
-    /// The gradient of a transposed convolution is the convolution of 2×2 blocks that it transposes.
-    /// That is written as a 1×1 convolution over pixels whose channels hold the values of a block.
+    /// The gradient of a transposed convolution is the convolution of 2×2 blocks that it transposes. That is written as
+    /// a 1×1 convolution over pixels whose channels hold the values of a block.
     fn back(&self, kernels: Kernels, pass: &Pass<'_>) -> Option<Vec<Option<Back>>> {
         let x = pass.inputs[0].values;
         let (height, width, input) = pass.inputs[0].image();

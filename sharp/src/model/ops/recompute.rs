@@ -1,6 +1,5 @@
 //! Parts of a network that are computed again in the backward pass, so that their intermediate tensors are not kept
-//! until
-//! then.
+//! until then.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

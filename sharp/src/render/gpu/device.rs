@@ -120,8 +120,7 @@ impl Gpu {
     }
 
     /// Submits the commands, waits, and reads back staging buffers. `staged` lists each buffer with the number of bytes
-    /// to
-    /// read from its start; `read` receives its index in this list and these bytes.
+    /// to read from its start; `read` receives its index in this list and these bytes.
     pub(super) fn finish(
         &self,
         encoder: wgpu::CommandEncoder,
