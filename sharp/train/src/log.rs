@@ -68,7 +68,7 @@ impl TrainingLog {
         })
     }
 
-    /// True if the weights at the position of opening were already validated.
+    /// True if the weights at the position passed to [`Self::open`] were already validated.
     pub fn is_validated(&self) -> bool {
         self.after == self.validation.last
     }

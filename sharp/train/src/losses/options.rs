@@ -109,7 +109,7 @@ pub struct LossOptions {
     pub color_channels: Channels,
     /// Views of `alpha`: the equation sums both views, the text mentions the input view.
     pub alpha_views: AlphaViews,
-    /// Minimum alpha in the logarithm; no gradient below.
+    /// Alpha is raised to at least this before its logarithm is taken; the gradient below it is zero.
     pub alpha_floor: f64,
     /// Units of `depth`.
     pub depth_units: InverseDepthUnits,
@@ -131,7 +131,7 @@ pub struct LossOptions {
     pub splat_variance: SplatVariance,
     /// View in which `splat` projects.
     pub splat_view: SplatView,
-    /// Picture width in pixels that defines the px² of `splat`, whatever width is rendered.
+    /// `splat` measures variances in px² of a picture of this width in pixels, whatever width is rendered.
     pub splat_width: f64,
     /// Reduction of the map by two in ∇scale.
     pub scale_pooling: ScalePooling,

@@ -105,8 +105,8 @@ fn at_edges(opacity: &[f32], edge: impl Fn(usize) -> f64 + Sync) -> Loss<f32> {
 }
 
 /// [`grad`] with ∇(1/D̄) of the depth at full resolution, taken where each base Gaussian is projected
-/// ([`GradAt::Projected`](super::GradAt)). That is the middle of the square of pixels that it represents, so the
-/// differences of those pixels are averaged.
+/// ([`GradAt::Projected`](super::GradAt)). A base Gaussian projects to the middle of the square of pixels that it
+/// represents, so its ∇ is the mean over those pixels.
 ///
 /// `depth`, in metres, has rows of `side` pixels, `[layers, side, side]`, and so has its gradient; `opacity` is
 /// `[layers, columns, columns]`.

@@ -28,8 +28,8 @@ use sharp_checkpoint::{CheckpointError, Incomplete};
 use sharp_metrics::{Weights, WeightsError};
 use std::path::PathBuf;
 
-/// Views on which the loss is computed. The paper's equation uses the novel view, its remark on
-/// memory both views.
+/// Views on which the loss is computed. The paper is ambiguous: its equation uses the novel view, but its remark on
+/// memory mentions both views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PerceptualViews {
