@@ -126,7 +126,7 @@ impl<'a> FileFinder<'a> {
             .iter()
             .map(|(chosen, others)| {
                 let name = self.root.id_of(chosen);
-                format!("{name} is read and not {}", others.join(", "))
+                format!("{name} is read, not {}", others.join(", "))
             })
             .collect();
         vec![format!(

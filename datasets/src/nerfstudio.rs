@@ -86,7 +86,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         (spec.path.as_path(), None)
     };
     let root = Root::open(folder)?.allowing_outside(spec.setting("outside") == "allow");
-    // Parsed once, before any scene, because an invalid value is not an error of a scene.
+    // Parsed before any scene is read, because an invalid value is an error of the whole dataset.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
     let mut found = FoundScenes::default();
     if let Some(json) = only {

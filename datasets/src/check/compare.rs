@@ -22,15 +22,15 @@ pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;
 pub(super) const MIN_ERRORS_OF_LENSES: f64 = 4.0;
 /// An interpretation explains the views well if its mean loss is at most this.
 const MAX_LEFT: f64 = 0.45;
-/// From this mean loss on, views are suspicious, and more interpretations are tried.
+/// Views are suspicious, and more interpretations are tried, if their mean loss is at least this.
 const SUSPICIOUS: f64 = 0.25;
-/// Depth agrees overall if at least this fraction of the depths agree, as in valid data with coarse pixels and slanted
-/// surfaces.
+/// Depth agrees overall if at least this fraction of the depths agree. Valid data reach it even with coarse pixels and
+/// slanted surfaces.
 const MOSTLY_AGREEING: f64 = 0.8;
 /// In valid data with little motion, at least this fraction of the depths agree.
 const AGREEING: f64 = 0.9;
-/// If [`AGREEING`] of the depths agree as read, a change is needed only if it increases this fraction by this much, or
-/// because of the colours.
+/// If at least [`AGREEING`] of the depths already agree as read, a change is needed only if it raises that fraction by
+/// at least this much, or if the colours require it ([`NEARER_COLOURS`]).
 const MORE_AGREEING: f64 = 0.03;
 /// A change that shows in colours is needed if it reduces colour differences to this fraction or less.
 const NEARER_COLOURS: f64 = 0.9;
@@ -84,8 +84,8 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
         && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
 }
 
-/// False if depths agree as read and another interpretation adds hardly any agreement: with little motion or few
-/// pixels, the difference is due to chance. `by_colours` is true if colours alone may show that the change is needed.
+/// False if depths agree as read and another interpretation hardly improves their agreement: with little motion or few
+/// pixels, such a difference is due to chance. `by_colours`: true if colours alone may show that the change is needed.
 pub(super) fn is_needed(as_read: &[Explained], other: &[Explained], by_colours: bool) -> bool {
     let [read, other] = [as_read, other].map(forward);
     let levels = read.colour_levels().zip(other.colour_levels());
@@ -123,7 +123,7 @@ pub(super) fn is_better_by(
             }
         }
     }
-    // Tiles that another interpretation does not change are no evidence either way.
+    // A tile with the same loss under both interpretations is no evidence for either.
     differences.retain(|difference| *difference != 0.0);
     let n = differences.len() as f64;
     let mean = differences.iter().sum::<f64>() / n;

@@ -1,11 +1,11 @@
 //! Consistency of poses, depth and pictures: the depth and the colours of one view, projected into the next by the
-//! poses, must match those of the next. Depth is decisive for distant views, colour for close ones, where depth agrees
-//! under any pose.
+//! poses, must match those of the next. Depth decides if the two views are far apart. If they are close together, depth
+//! agrees under any pose, so colour decides.
 
 use serde::Serialize;
 
 /// Poses and depth are consistent if at least this fraction of the overlapping depths agree in one pair of neighbours.
-/// Occlusion reduces it even for correct poses; in wrongly interpreted real frames, a fifth agree.
+/// Occlusion lowers the fraction even for correct poses; in wrongly interpreted real frames, a fifth agree.
 const MIN_AGREEING: f64 = 0.3;
 
 /// Agreement of neighbouring views under one pose convention.

@@ -15,7 +15,8 @@ const MIN_LIMITED: f64 = 0.01;
 const ENOUGH_LIMITED: usize = 100;
 /// A depth at the maximum contradicts another view if it differs from the depth there by more than this, relatively.
 const OFF_LIMIT: f64 = 0.002;
-/// [`OFF_LIMIT`] in steps of the depth map at its maximum; the larger of the two counts.
+/// The same threshold in quantisation steps of the depth map at its maximum; the larger of [`OFF_LIMIT`] and this
+/// applies.
 const OFF_STEPS: f64 = 2.0;
 /// A map counts as normalised only if its minimum, at the reduced size, is below this.
 const MIN_NORMALISED: f64 = 0.1;
@@ -26,7 +27,7 @@ const MAX_NORMALISED: f64 = 0.9;
 /// [`TOLERANCE`] is used.
 const OFF_CONSTANT: f64 = 0.01;
 
-/// Number of positions at which both of two views have depth, and of those where it differs.
+/// Number of positions at which both of two views have depth, and the number of these at which it differs.
 #[derive(Default)]
 struct Met {
     all: usize,

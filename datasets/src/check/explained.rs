@@ -264,8 +264,9 @@ impl Explained {
         explained
     }
 
-    /// Adds the depths of samples that land in `b`, whose camera and factor of depth are given as read. Moves the samples
-    /// whose loss may still grow by their colour to the front, and returns their number.
+    /// Adds the depth losses of samples that land in `b`, and moves the samples whose loss is not yet at its maximum to
+    /// the front of `landings`: only these need a comparison of colours. Returns their number. The second argument has
+    /// the view with its camera and its factor of depth under the reading.
     fn compare_depths(
         &mut self,
         landings: &mut [Landing],

@@ -201,7 +201,8 @@ pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
 struct Look {
     contradictions: Vec<String>,
     consistency: Option<Consistency>,
-    /// Agreement of poses with matching features, if there is no depth; else other exposures.
+    /// A note for the report: without depth, how well the poses agree with matching features; with depth, that views
+    /// differ in exposure.
     note: Option<String>,
 }
 
@@ -226,7 +227,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let is_known = overflowed.is_some() || plausible::are_of_other_size(&scene.views);
     contradictions.extend(overflowed);
     contradictions.extend(match (&scene.pairing, &neighbours) {
-        // With one of these, other causes cannot be distinguished.
+        // Either of these errors also makes other tests fail, so these would prove nothing.
         _ if is_known => None,
         (Pairing::Stereo { .. }, _) => {
             let (contradiction, said) = stereo::contradictions(&scene.views, effort);
@@ -240,7 +241,8 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             if effort.thorough {
                 note = neighbours.exposures();
             }
-            // Compares features, in case no interpretation assigns the pictures to their poses.
+            // If no interpretation of depth explains the views, features may still show which pictures belong to which
+            // poses.
             contradiction.or_else(|| {
                 let is_suspicious = effort.thorough || neighbours.is_poorly_explained();
                 let matches = is_suspicious.then(|| Matches::new(&scene.views, effort))?;

@@ -195,9 +195,9 @@ impl<'a> Neighbours<'a> {
             })
     }
 
-    /// Projects a place in view `i` into the next view, by depth and poses, and returns its distance from the place
-    /// `to` there, in reduced pixels. `None` if the first place has no depth. Each camera is the one in which its place
-    /// was measured.
+    /// Projects the place `from` in view `i` into the next view, by depth and poses, and returns its distance from the
+    /// place `to` there, in reduced pixels. `None` if the first place has no depth. Each place is given in pixels of
+    /// the camera next to it, whose size may differ from that of the reduced view.
     pub(super) fn miss(
         &self,
         (i, camera, from): (usize, &Intrinsics, DVec2),

@@ -101,7 +101,7 @@ pub(super) fn orders(
     orders
 }
 
-/// Assignments of the kept pictures to all poses if only every second or third picture was kept, like [`orders`].
+/// Like [`orders`], for the mistake of keeping only every second or third picture, but all poses.
 pub(super) fn thinned(views: &[View], noun: &str) -> Vec<(String, Assignment, usize)> {
     let strides = [(2, "second"), (3, "third")].into_iter();
     let strides = strides.filter(|(stride, _)| views.len() >= MIN_VIEWS.max(2 * stride));

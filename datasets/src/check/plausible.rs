@@ -10,11 +10,12 @@ use crate::View;
 
 /// Plausible focal lengths, in widths of the picture.
 const FOCAL_WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
-/// A principal point is implausible farther than this from the centre, in widths and heights of the picture. A centred
-/// point that was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
+/// A principal point is implausible if it is farther than this from the centre, in widths and heights of the picture. A
+/// centred point that was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
-/// A principal point counts as centred up to this distance from the centre, in widths and heights of the picture.
+/// A principal point counts as centred if it is within this distance of the centre, in widths and heights of the
+/// picture.
 const MIDDLE: f64 = 0.03;
 
 /// Detects principal points that are centred only if x and y are swapped, in all views. One crop may have such a
@@ -31,8 +32,8 @@ fn swapped_centres(views: &[View]) -> Option<String> {
         .filter(|_| views.iter().all(is_swapped))?
         .intrinsics;
     Some(format!(
-        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were swapped; swap them, or use the \
-         calibration for these pictures if it is for pictures turned by 90 degrees",
+        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were swapped; swap them, or, if this \
+         calibration is for pictures turned by 90 degrees, use the one for these pictures",
         number(k.cx),
         number(k.cy),
         k.width,

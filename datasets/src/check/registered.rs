@@ -23,8 +23,8 @@ const MIN_OFF: f64 = 0.008;
 const MAX_OFF: f64 = 0.12;
 /// Maximum magnification, and maximum reduction, of a depth map.
 const MAX_ZOOM: f64 = 1.6;
-/// A registration is accepted only if colour differences fall to this share of those as read. Only colours show that
-/// depth belongs elsewhere.
+/// A registration is accepted only if colour differences fall to at most this fraction of those as read. Only colours
+/// show that depth belongs elsewhere.
 const MAX_LEFT: f64 = 0.9;
 /// A registration is accepted only if the remaining colour differences are at most this fraction of those between
 /// unrelated places.
@@ -52,7 +52,8 @@ fn zoomed(by: Registration, factor: f64) -> Registration {
 }
 
 impl Neighbours<'_> {
-    /// The shift and magnification with which depth maps fit the pictures best; `None` unless better than without.
+    /// The shift and magnification with which depth maps fit the pictures best; `None` if the maps fit no better than
+    /// as read.
     pub(super) fn registered(&self, as_read: &[Explained]) -> Option<(Change, Vec<Explained>)> {
         if self.depth_by_pose {
             return None;

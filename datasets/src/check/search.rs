@@ -1,6 +1,6 @@
 //! Search for the best-fitting factor.
 
-/// Factors are reported only from this one (or its reciprocal) on; those closer to 1 are ignored.
+/// A factor between the reciprocal of this and this is too close to 1 to be reported.
 const MIN_FACTOR: f64 = 1.03;
 
 pub(super) fn is_reportable(factor: f64) -> bool {

@@ -1,5 +1,5 @@
-//! Views reduced so far that interpretations can be compared cheaply, and that an error of many pixels of the
-//! photograph becomes one of few.
+//! Views at a reduced size. Interpretations can be compared cheaply, and an error of many pixels of the photograph
+//! becomes one of a few pixels.
 
 use std::sync::Arc;
 

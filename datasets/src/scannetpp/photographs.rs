@@ -115,7 +115,10 @@ impl DslrPhotographs {
             return Ok(ViewDepth::Map(map, millimetres));
         }
         let lacks = |what: &str| {
-            DatasetError::malformed(&map, format!("nerfstudio/transforms.json lacks {what}"))
+            DatasetError::malformed(
+                &map,
+                format!("nerfstudio/transforms.json does not contain {what}"),
+            )
         };
         let frame = self
             .fisheye

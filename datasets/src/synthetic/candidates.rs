@@ -5,8 +5,8 @@ use glam::DVec3;
 
 use super::shapes::SurfaceShape;
 
-/// A shape that misses a bundle by less than this, in metres, still counts as touching it: far more
-/// than rounding.
+/// A shape that misses a bundle by less than this, in metres, still counts as touching it. Rounding errors are far
+/// smaller.
 const SLACK_M: f64 = 1e-7;
 /// Number of cells along each side of the sun's grid.
 const SUN_CELLS: usize = 40;

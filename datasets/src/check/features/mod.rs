@@ -191,9 +191,9 @@ impl<'a> Matches<'a> {
         Some(compared(&as_read, &other)?.evidence())
     }
 
-    /// For each view of `starts` whose matches with the next view are not explained by the two views' own poses, the
-    /// poses of other views that explain them. Empty if any pair remains unexplained or two pictures would share a
-    /// pose: among so many poses, some fit by chance.
+    /// Looks for pairs of a view in `starts` and the next view whose own poses do not explain their matches, and
+    /// returns the poses of other views that do, as a sentence with the matches explained. Empty if any such pair
+    /// remains unexplained or two pictures would share a pose: among so many poses, some fit by chance.
     fn all_elsewhere(
         &self,
         starts: &BTreeSet<usize>,
