@@ -225,7 +225,7 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// Creates a mask from row-major values; `None` unless there are width × height of them.
+    /// Creates a mask from row-major values; `None` if their number is not width × height.
     pub fn new(width: u32, height: u32, inside: Vec<bool>) -> Option<Self> {
         (inside.len() as u64 == u64::from(width) * u64::from(height)).then_some(Self {
             width,

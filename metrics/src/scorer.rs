@@ -131,8 +131,8 @@ impl Scorer {
         &self.engines.used
     }
 
-    /// The metrics that have no value for any picture because no weights are available for their
-    /// network, each with that network.
+    /// The metrics that cannot be computed for any picture because the weights of their network are missing, each with
+    /// that network.
     pub fn missing_weights(&self) -> impl Iterator<Item = (MetricKey, Backbone)> + '_ {
         let used = |backbone| self.weights().iter().any(|used| used.backbone == backbone);
         let needed = self.keys.iter();

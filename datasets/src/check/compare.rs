@@ -5,9 +5,10 @@ use super::explained::{ENOUGH, Explained};
 
 /// Another interpretation is better only if it removes at least this fraction of the loss.
 pub(super) const MIN_GAIN: f64 = 0.1;
-/// [`MIN_GAIN`] for changes of a factor, which hardly fit valid data better than a factor of 1.
+/// Replaces [`MIN_GAIN`] for changes by a factor. It can be lower, because in valid data hardly any factor fits better
+/// than 1.
 pub(super) const MIN_GAIN_OF_FACTORS: f64 = 0.05;
-/// [`MIN_GAIN`] for changes to some of the views.
+/// Replaces [`MIN_GAIN`] for changes to some of the views.
 pub(super) const MIN_GAIN_OF_VIEWS: f64 = 0.15;
 /// Another interpretation is judged only if at least this many samples land in other views; with fewer, too little is
 /// visible.
@@ -16,9 +17,9 @@ const MIN_LANDED: usize = 500;
 const MIN_SHARE: f64 = 0.75;
 /// Another interpretation is better only if the mean improvement over tiles exceeds this many of its standard errors.
 pub(super) const MIN_ERRORS: f64 = 3.0;
-/// [`MIN_GAIN`] for lens distortion; proper scenes gain 0.003.
+/// Replaces [`MIN_GAIN`] for lens distortion; in valid scenes, the gain is 0.003.
 pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;
-/// [`MIN_ERRORS`] for lens distortion.
+/// Replaces [`MIN_ERRORS`] for lens distortion.
 pub(super) const MIN_ERRORS_OF_LENSES: f64 = 4.0;
 /// An interpretation explains the views well if its mean loss is at most this.
 const MAX_LEFT: f64 = 0.45;

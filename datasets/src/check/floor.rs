@@ -54,7 +54,7 @@ impl Residual {
         self.on_lines as f64 >= MIN_ON_LINES * self.matches as f64
     }
 
-    /// Median distance of matches from their predicted places; `None` unless it is too large.
+    /// Median distance of matches from their predicted places; `None` if it is acceptable.
     fn misses_by(&self) -> Option<f64> {
         let n = self.misses.len();
         let median = *self.misses.get(n / 2).filter(|_| n >= MIN_MATCHES)?;

@@ -239,7 +239,7 @@ impl<'a> Neighbours<'a> {
         ))
     }
 
-    /// Mean fraction of pixels that masks exclude; `None` unless it is over half.
+    /// Mean fraction of pixels that masks exclude; `None` if it is at most half.
     pub(super) fn excluded(&self) -> Option<f64> {
         let is_masked = |i: &usize| self.views[*i].content.processing().masked;
         let masked = self.small.iter().filter(|(i, _)| is_masked(i));

@@ -279,7 +279,7 @@ impl Neighbours<'_> {
                 return Some(*read);
             }
             let poses = (pose(*a)?, pose(*b)?);
-            // A position with a single depth always agrees with itself.
+            // Two views that get the parts of one and the same view agree in any case.
             if from.0 == from.1 {
                 return None;
             }

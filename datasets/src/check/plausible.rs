@@ -57,8 +57,8 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
     })
 }
 
-/// Size of the pictures for which a camera seems to be calibrated, relative to its own; `None` unless its principal
-/// point is far off the centre by the same factor in both directions.
+/// If a camera seems to be calibrated for pictures of another size, that size relative to its own. This is assumed if
+/// the principal point is far off the centre by the same factor in both directions.
 fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;

@@ -8,12 +8,13 @@ use super::explained::{Explained, Reading, Registration};
 use super::neighbours::Neighbours;
 use super::search::is_reportable;
 
-/// Offset that is tried first, in widths of the picture. If neither this offset nor [`PROBED_ZOOM`] fits better, the
-/// depth maps are aligned with the photographs, and no search follows.
+/// Offset that is tried first, in widths of the picture. If neither this offset nor [`PROBED_ZOOM`] fits better than
+/// the depth maps as read, these count as aligned with the photographs, and no search follows.
 const PROBE: f64 = 0.02;
 /// Magnification that is tried first.
 const PROBED_ZOOM: f64 = 1.1;
-/// Number of steps in the search for the offset, then the ratio between them, as for principal points.
+/// Number of steps in the search for the offset, then the ratio between consecutive factors; offsets are expressed as
+/// factors, as for principal points.
 const OFFSETS: (i32, f64) = (10, 1.12);
 /// Number of steps in the search for the magnification, then the ratio between them.
 const ZOOMS: (i32, f64) = (12, 1.035);

@@ -9,7 +9,7 @@ use sharp::camera::Intrinsics;
 
 use crate::View;
 
-/// Maximum width of the reduced views.
+/// Maximum width of the reduced views, in pixels.
 pub(super) const WIDEST: u32 = 256;
 
 /// Distance, in reduced pixels, at which colours count as unrelated.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// Maximum length of a pickle. SHARP's 1038 tensors take 0.3 MB.
+/// Maximum length of a pickle, in bytes. SHARP's 1038 tensors take 0.3 MB.
 pub(crate) const MAX_PICKLE_LEN: usize = 32 << 20;
 
 /// A checkpoint cannot be read, or does not contain what was requested.

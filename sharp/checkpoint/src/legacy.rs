@@ -16,7 +16,7 @@ use crate::pickle::value::{Heap, Value};
 /// 0x1950a86a20f9469cfc6c, little-endian.
 const MAGIC: [u8; 10] = [0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19];
 const PROTOCOL: i64 = 1001;
-/// Maximum total size of the pickles before the storages.
+/// Maximum total size of the pickles before the storages, in bytes.
 const MAX_PICKLES: usize = 64 << 20;
 
 /// Reads the table of contents.

@@ -10,7 +10,7 @@ use crate::bytes::Bytes;
 use crate::error::{Fault, malformed};
 use crate::tensor::{DType, TensorLayout};
 
-/// Maximum length of a header.
+/// Maximum length of a header, in bytes.
 const MAX_HEADER: u64 = 32 << 20;
 
 /// Tensor layouts and metadata of the header.

@@ -26,10 +26,10 @@ impl AttentionShape {
     }
 }
 
-/// Tiles of rows processed at a time, chosen so that their scores fit in the L2 cache.
+/// Number of row tiles processed at a time, chosen so that their scores fit in the L2 cache.
 const TILES: usize = 3;
 
-/// Lanes of the reductions, the same for every instruction set.
+/// Number of partial sums or maxima of a reduction over a row; the same for every instruction set.
 const LANES: usize = 16;
 
 /// `softmax(scale · Q Kᵀ) V` for every sequence and head.

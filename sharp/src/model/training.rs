@@ -259,7 +259,7 @@ impl TrainableNetwork {
     }
 }
 
-/// Starts a new graph at `tensor`: a variable that receives its gradient, if `tensor` is tracked.
+/// Starts a new graph at `tensor`. If `tensor` is tracked, the result is a variable, which receives the gradient.
 fn leaf(tensor: &Tensor) -> candle_core::Result<Tensor> {
     Ok(match tensor.track_op() {
         true => Var::from_tensor(tensor)?.into_inner(),

@@ -215,7 +215,7 @@ fn property(words: &[&str]) -> Option<Property> {
 /// Describes a line of a property whose type is unknown.
 fn unread(line: &str) -> String {
     format!(
-        "{} is no type of PLY, which has integers, float and double; convert it to float",
+        "{}: not a type of PLY, which has integers, float and double; convert it to float",
         unknown(line)
     )
 }

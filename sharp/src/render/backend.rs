@@ -7,7 +7,7 @@ use std::str::FromStr;
 /// Rendering backend. Written `cpu`, `wgpu`, `wgpu:NAME` or `auto`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Backend {
-    /// [`CpuRenderer`]. The default, also for scoring unless requested otherwise.
+    /// [`CpuRenderer`]. The default, also for scoring.
     #[default]
     Cpu,
     /// `GpuRenderer` on the first hardware adapter, or on the first adapter whose description contains the name

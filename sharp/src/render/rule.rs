@@ -65,8 +65,8 @@ setting!(
     Support, "support":
     /// All pixels where the Gaussian's alpha reaches 1/255.
     Exact = "exact",
-    /// Only those pixels that are also in tiles of 16×16 pixels overlapped by the square of ⌈3σ⌉ around the Gaussian's
-    /// centre, as in Inria's rasteriser; σ is the larger standard deviation.
+    /// As in Inria's rasteriser, only pixels in tiles of 16×16 pixels that overlap a square around the Gaussian's
+    /// centre. The square extends by ⌈3σ⌉ pixels to each side, where σ is the larger standard deviation.
     Tiles = "tiles",
 );
 

@@ -22,11 +22,11 @@ use crate::view::evenly_spaced;
 
 pub(super) use focals::swapped_focals;
 
-/// Maximum width to which views are reduced.
+/// Maximum width of the reduced views, in pixels.
 const WIDEST: u32 = 192;
 /// Number of cells across and down; each gives one feature.
 const CELLS: (u32, u32) = (14, 10);
-/// Radius of the patch around a feature that is compared.
+/// Radius of the patch around a feature that is compared, in pixels.
 const RADIUS: u32 = 3;
 /// Patches match only if their correlation is at least this.
 const MIN_ALIKE: f32 = 0.85;
@@ -34,7 +34,7 @@ const MIN_ALIKE: f32 = 0.85;
 const UNIQUE: f32 = 0.6;
 /// A match lies on its epipolar line if its distance from it is at most this, in pixels.
 const NEAR: f64 = 1.0;
-/// [`NEAR`] for poses that are merely imprecise.
+/// Like [`NEAR`], in pixels, but wide enough for poses that are merely imprecise.
 const CLOSE: f64 = 3.0;
 /// Minimum width and height of reduced views; smaller ones are skipped, because a pixel is too large a fraction of
 /// them.
@@ -299,7 +299,7 @@ impl Compared {
     }
 }
 
-/// Compares two interpretations; `None` unless the other one explains significantly more.
+/// Compares two interpretations; `None` if the other one does not explain significantly more.
 fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared> {
     let both = as_read
         .iter()
@@ -323,7 +323,7 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
     })
 }
 
-/// True if a position in the second view may show a point on a ray of the first.
+/// True if the pixel at a position in the second view may show a point on a ray of the first view.
 fn fits(
     second_from_first: &RigidTransform,
     from: DVec3,

@@ -6,7 +6,7 @@ use super::value::{Global, Heap, Storage, Tensor, Value};
 
 /// Maximum number of pairs that all ordered dicts together may copy from lists.
 const MAX_COPIED: usize = 1 << 20;
-/// Maximum length of a storage's key: PyTorch uses counters or addresses.
+/// Maximum length of a storage's key, in bytes. PyTorch uses counters or addresses, which are short.
 const MAX_KEY_LEN: usize = 128;
 
 impl<'a> Heap<'a> {

@@ -28,7 +28,7 @@ const HEADER: usize = 16;
 const WIDE_HEADER: usize = 32;
 /// Flag of files made for an antialiased rasteriser.
 const ANTIALIASED: u8 = 1;
-/// Step of a stored colour coefficient, times 255.
+/// A stored byte b is the colour coefficient (b / 255 − 0.5) / `COLOR_SCALE`.
 const COLOR_SCALE: f32 = 0.15;
 
 fn damaged(what: impl Into<String>) -> PlyReason {
