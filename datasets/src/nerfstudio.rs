@@ -205,7 +205,7 @@ fn read_scene(
         ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
     folders.extend(depth);
     folders.retain(|(unused, _)| unused != folder);
-    // A file for a single split does not use all pictures.
+    // A file for a single split does not list all pictures, so pictures that it does not use are no cause for a note.
     if json.ends_with(NAMES[0]) {
         scene.note_unused(&folders);
     }
@@ -223,7 +223,8 @@ struct FrameReader<'a> {
 }
 
 impl FrameReader<'_> {
-    /// `None` for a frame that is excluded because its depth map or mask is missing.
+    /// Combines a frame's picture, pose, lens, depth and mask; `None` if the frame is excluded because its depth map or
+    /// mask is missing.
     fn posed(
         &self,
         frame: &JsonFrame,

@@ -28,7 +28,7 @@ const SUSPICIOUS: f64 = 0.25;
 /// Depth agrees overall if at least this fraction of the depths agree. Valid data reach it even with coarse pixels and
 /// slanted surfaces.
 const MOSTLY_AGREEING: f64 = 0.8;
-/// In valid data with little motion, at least this fraction of the depths agree.
+/// Depths agree as read if at least this fraction of them do, as in valid data with little motion.
 const AGREEING: f64 = 0.9;
 /// If at least [`AGREEING`] of the depths already agree as read, a change is needed only if it raises that fraction by
 /// at least this much, or if the colours require it ([`NEARER_COLOURS`]).
@@ -41,7 +41,7 @@ const ENOUGH_IN_TILE: usize = 8;
 /// better.
 const WORSE_COLOURS: f64 = 1.02;
 
-/// Sum over the projections of views into their successors.
+/// Sum over the projections of each view into the next one; those back are left out.
 pub(super) fn forward(all: &[Explained]) -> Explained {
     let mut sum = Explained::default();
     all.iter().step_by(2).for_each(|one| sum.add(one));

@@ -128,7 +128,7 @@ impl Reading {
         DVec3::new(point.x * by, point.y * by, point.z)
     }
 
-    /// The ray, at z = 1, that the lens shows in a given direction.
+    /// The true ray, at z = 1, that the lens shows in the direction `seen`; the inverse of [`Self::bent`].
     pub(super) fn straight(&self, seen: DVec3) -> DVec3 {
         if self.bend == 0.0 {
             return seen;
@@ -352,7 +352,7 @@ impl Explained {
     }
 
     /// The factor from this view's levels to the other's that fits best, and the root mean square difference of colours
-    /// after it, in levels; `None` if hardly any were compared.
+    /// once it is applied, in levels; `None` if too few colours were compared.
     pub(super) fn exposure(&self) -> Option<(f64, f64)> {
         let [own, other] = self.levels;
         let mixed = (own + other - self.squares) / 2.0;

@@ -14,7 +14,7 @@ use super::orders::neighbours;
 use super::small_view::{Sample, SmallView, WIDEST};
 use crate::View;
 
-/// Maximum number of views of a scene for which a thorough check reads all of them.
+/// A thorough check reads all views of a scene if there are at most this many.
 pub(super) const MAX_ALL: usize = 12;
 
 /// Identical pictures are an error if the content moves by at least this between the two views, in reduced pixels.
@@ -152,7 +152,7 @@ impl<'a> Neighbours<'a> {
         Explained::new((from, samples), to, (pose_a, pose_b), reading, stride)
     }
 
-    /// Evaluates the projections with other pictures or depth for the views.
+    /// Evaluates the projections with each view replaced by `other(index, view)`, or unchanged where that is `None`.
     pub(super) fn with(
         &self,
         other: &mut dyn FnMut(usize, &SmallView) -> Option<SmallView>,

@@ -147,7 +147,7 @@ impl Neighbours<'_> {
             }
             for (text, of, _) in thinned(self.views, moves.noun()) {
                 let explained = self.in_order(as_read, &*of, moves);
-                // Pictures beyond the last pose are left out; they must not fit their own poses.
+                // A picture beyond the last pose cannot be evaluated. If it fits its own pose, this order is wrong.
                 let fits = |(one, read): (&Option<Explained>, &Explained)| {
                     one.is_none() && !is_suspicious(&[*read])
                 };
@@ -160,7 +160,8 @@ impl Neighbours<'_> {
         measured
     }
 
-    /// Depth may belong to the frame or to the picture; a scan's depth belongs to the pose.
+    /// The combinations of parts that may have been reassigned. Depth from maps may go with the picture or with the
+    /// pose; depth from a scan always goes with the pose.
     fn moves(&self) -> &'static [Moves] {
         match self.depth_by_pose {
             true => &[Moves::PosesAndDepth],

@@ -147,7 +147,7 @@ pub(super) fn have_one_rotation(views: &[View]) -> bool {
     views.len() >= 3 && views.iter().all(is_first)
 }
 
-/// Steps to which positions are rounded, in the poses' unit.
+/// Steps to which positions may have been rounded, in the poses' unit; these are tried.
 const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 /// A coordinate counts as a multiple of a step if it is off by less than this fraction of the step.
 const OFF_STEP: f64 = 1e-3;
@@ -157,7 +157,7 @@ const MIN_COORDINATES: usize = 3;
 /// one matters little.
 const MIN_STEP: f64 = 0.02;
 
-/// An addition to the report of a contradiction without a known cause, if poses seem to have been rounded.
+/// Text to append to a contradiction without a known cause if the poses seem to have been rounded.
 pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
     let pose = |view: &View| view.camera_from_world;
     let mut steps: Vec<f64> = views

@@ -222,7 +222,7 @@ impl Pair {
         bands
     }
 
-    /// [`block_match::mismatch`] of the disparities that `disparity` computes from those as read.
+    /// Compares blocks with [`block_match::mismatch`], at the disparities that `disparity` computes from those as read.
     fn mismatch(&self, disparity: &dyn Fn(f64) -> f64) -> Option<String> {
         let [left, right] = [&self.left, &self.right].map(|view| view.clone().grey());
         let samples = self.samples.iter().map(|sample| Sample {

@@ -190,7 +190,7 @@ pub const COLMAP_MODELS: [(&str, usize); 18] = [
     (EQUIRECTANGULAR, 2),
 ];
 
-/// The model without a pinhole view of the whole picture.
+/// The model of panoramas, which is refused: no pinhole camera can show the whole picture.
 const EQUIRECTANGULAR: &str = "EQUIRECTANGULAR";
 
 #[cfg(test)]

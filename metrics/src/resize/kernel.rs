@@ -159,8 +159,8 @@ fn floats(picture: &Picture) -> Vec<f32> {
     }
 }
 
-/// Clamps to 0..1. Rounding of weights that sum to one may exceed the range by an ulp, negative
-/// weights by more.
+/// Clamps to 0..1. Values may exceed this range by an ulp because weights are rounded, and by more if weights are
+/// negative.
 fn unit_range(mut values: Vec<f32>, size: Size) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
     for value in &mut values {
         *value = value.clamp(0.0, 1.0);

@@ -138,8 +138,7 @@ impl Weights {
     ///
     /// 1. the download folder ([`cache_folder`]);
     /// 2. for AlexNet, the program itself; for other networks, the bundled files ([`own_folders`], then
-    ///   `metrics/weights`
-    ///    in the source code), which include VGG16;
+    ///    `metrics/weights` in the source code), which include VGG16;
     /// 3. torch's hub folder ([`torch_hub`]).
     pub fn at_hand() -> Self {
         let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights");

@@ -182,7 +182,8 @@ impl CheckpointSource {
         Ok(zeros.or(repeated))
     }
 
-    /// Checks that the file contains each of these parameters that is used, and no other tensor; see [`Self::check`].
+    /// Checks that the file contains all `parameters` that are used, and no tensors other than `parameters` and those
+    /// of `allow_unused`; see [`Self::check`].
     pub(super) fn check_for(
         &self,
         parameters: Vec<Parameter>,

@@ -245,7 +245,7 @@ impl StoredForm {
         }
     }
 
-    /// Sets the settings that are unset to the encodings of `format`.
+    /// Returns these settings, with unset ones taken from `format`.
     pub fn or_of(self, format: &Self) -> Self {
         Self {
             opacity: self.opacity.or(format.opacity),

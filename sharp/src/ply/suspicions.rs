@@ -19,8 +19,8 @@ const MIN_REPEATED: f64 = 0.05;
 /// A doubt about the encoding of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Suspicion {
-    /// Topic; only one doubt per topic is reported. If numbers alone suggest a setting that would
-    /// fix it, the topic is that setting.
+    /// Topic, e.g. `overflow`, or the setting that would fix the reading, e.g. `opacity=linear`. Only one doubt per
+    /// topic is reported.
     pub about: &'static str,
     /// The reason, and the setting that would fix it.
     pub text: String,
@@ -230,8 +230,8 @@ impl Range {
             && (self.least < self.most || (is_round(self.least) && !is_round(logistic(self.least))))
     }
 
-    /// True if no value is positive but many are close to 0, as logarithms of opacities are. If all are equal, also
-    /// requires the exponential to be a round number and the logistic not to be.
+    /// True if the values look like logarithms of opacities: none is positive, and many are close to 0. If all are
+    /// equal, the exponential must be a round number, and the logistic must not.
     fn is_logarithm(&self) -> bool {
         let is_constant = self.least == self.most;
         self.most <= 0.0

@@ -117,7 +117,7 @@ pub enum TableError {
     },
 }
 
-/// Maximum length of a header; real ones have about 2 KiB.
+/// Maximum length of a header in bytes; real ones have about 2 KiB.
 const MAX_HEADER_BYTES: usize = 1 << 16;
 
 impl Header {

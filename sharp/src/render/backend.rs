@@ -1,4 +1,4 @@
-//! Choice of a rendering backend, in the notation of users and records.
+//! Choice of a rendering backend, as written on command lines and in records.
 
 use super::{CpuRenderer, RenderError, Renderer};
 use std::fmt;

@@ -19,7 +19,7 @@ use std::f64::consts::{LN_2, LOG2_E};
 pub(super) struct Splat {
     /// Mean in pixels; f64, so that subtracting a distant tile's origin is exact.
     pub(super) mean: [f64; 2],
-    /// Cholesky factor of the conic, scaled so that the exponent is one of 2.
+    /// p, q and r are the Cholesky factor of the conic, scaled for an exponential to base 2.
     pub(super) p: f32,
     pub(super) q: f32,
     pub(super) r: f32,

@@ -22,8 +22,8 @@ pub(super) struct LocalSplat<S = f32> {
     pub(super) reach: [u8; 4],
     /// See [`Splat::cut`].
     pub(super) cut: f32,
-    /// True if the ellipse covers so little of its box that it pays to compute the tile columns of
-    /// each row.
+    /// True if the ellipse covers little of its bounding box, so that computing the tile columns of each row saves
+    /// time.
     pub(super) slanted: bool,
 }
 
@@ -65,8 +65,8 @@ impl LocalSplat {
 
     /// First and last pixel column within reach on any of the `rows` rows starting at `y`.
     ///
-    /// On one row, `|p dx + q dy| ≤ sqrt(cut − (r dy)²)`. Over a range of dy, each end of that interval is extreme at
-    /// its own stationary point or at the nearest end of the range.
+    /// On one row, the pixels within reach satisfy `|p dx + q dy| ≤ sqrt(cut − (r dy)²)`. Each end of this interval of
+    /// dx has one stationary point in dy. It is extreme there, or at the nearest dy of the rows.
     fn columns(&self, y: usize, rows: usize) -> (usize, usize) {
         let (p, q, r) = (self.p, self.q, self.r);
         let tip = self.cut.sqrt() / r;

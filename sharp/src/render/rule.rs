@@ -158,7 +158,7 @@ impl Rule {
         blending: ColorSpace::Linear,
         degree: 0,
     };
-    /// Inria's main rasteriser, which uses only the fields of view.
+    /// Inria's main rasteriser, which ignores the principal point.
     pub const INRIA: Self = Self {
         low_pass: 0.3,
         alpha_max: 0.99,

@@ -12,7 +12,7 @@ pub struct RenderView {
     /// `camera_from_world`, or the paper's `E_t E_s⁻¹ K_s⁻¹` from the normalised space of a source photograph
     /// ([`crate::camera::target_camera_from_source_ndc`]).
     pub camera_from_scene: DAffine3,
-    /// Intrinsics of the picture to render; pixel centres are at + 0.5.
+    /// Intrinsics of the picture to render; the centre of the first pixel is at (0.5, 0.5).
     pub intrinsics: Intrinsics,
     pub rule: Rule,
 }

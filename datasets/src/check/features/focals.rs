@@ -78,7 +78,7 @@ impl Matches<'_> {
         best.map(|(_, best)| best)
     }
 
-    /// Mean distance of matches from their epipolar lines, as a fraction of [`CLOSE`], with 1 for larger distances.
+    /// Mean distance of matches from their epipolar lines, in units of [`CLOSE`]. Distances above 1 count as 1.
     fn mean_miss(&self) -> f64 {
         let pose = |i: usize| &self.views[i].camera_from_world;
         let misses = self.matches.iter().map(|(i, a, b)| {
@@ -90,8 +90,8 @@ impl Matches<'_> {
         misses.sum::<f64>() / self.matches.len().max(1) as f64
     }
 
-    /// True if the matches do not determine focal lengths: clearly wrong ones explain about as
-    /// many, the fraction `share`.
+    /// True if the matches do not determine focal lengths, because clearly wrong ones explain about as many. `share` is
+    /// the fraction of the matches that those as read explain.
     pub(super) fn leaves_focals_open(&self, share: f64) -> bool {
         let mut others = Focal::ALL
             .iter()

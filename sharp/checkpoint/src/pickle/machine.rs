@@ -361,7 +361,7 @@ impl<'a> Machine<'a, '_> {
         Ok(self.stack.split_off(start))
     }
 
-    /// Replaces the stack from `start` with a tuple of those values.
+    /// Replaces the values on the stack from `start` on with one tuple of these values.
     fn tuple(&mut self, start: usize) -> Result<(), Fault> {
         let first = self.heap.tuples.len() as u32;
         self.heap.tuples.extend(self.stack.drain(start..));

@@ -217,7 +217,7 @@ fn keeps_size(spec: &ConvSpec) -> bool {
     spec.stride == 1 && spec.kernel == 2 * spec.padding + 1
 }
 
-/// Zeroes the gradient wherever the rectified value is not positive.
+/// Backward pass of a ReLU: zeroes `gradient` wherever `value`, its output, is not positive.
 ///
 /// # Panics
 /// If the lengths differ.

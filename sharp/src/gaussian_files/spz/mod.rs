@@ -81,7 +81,7 @@ impl Header {
     }
 }
 
-/// Reads a file that starts like gzip or SPZ 4.
+/// Reads a file that starts like a gzip stream (SPZ 1 to 3) or like SPZ 4.
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     let (header, blocks) = match bytes.starts_with(&MAGIC) {
         true => zstd_blocks(bytes)?,

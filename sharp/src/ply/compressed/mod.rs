@@ -164,7 +164,7 @@ fn columns(element: &Element, names: &[&'static str]) -> Result<Vec<usize>, PlyR
     Ok(found.filter_map(|(_, column)| column).collect())
 }
 
-/// Fractions 0..1 along x, y and z.
+/// Unpacks fractions 0..1 along x, y and z, stored in 11, 10 and 11 bits.
 fn shares_11_10_11(packed: u32) -> [f64; 3] {
     [
         f64::from(packed >> 21) / 2047.0,

@@ -5,8 +5,8 @@ use super::GpuAdapter;
 use super::memory::{GpuBuffer, Memory};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// Limit of a sub-frame's largest binding even if the adapter allows more: limits device memory to about half a
-/// gigabyte for a picture of any size.
+/// Maximum size in bytes of a sub-frame's largest binding, even if the adapter allows more. It limits device memory to
+/// about half a gigabyte for a picture of any size.
 const WINDOW: u64 = 128 << 20;
 
 /// A device and its queue. wgpu reports errors by callback; [`Self::check`] returns the most severe one.
