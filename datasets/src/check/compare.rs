@@ -13,9 +13,10 @@ pub(super) const MIN_GAIN_OF_VIEWS: f64 = 0.15;
 /// Another interpretation is judged only if at least this many samples land in other views; with fewer, too little is
 /// visible.
 const MIN_LANDED: usize = 500;
-/// Another interpretation is better only if it is better in at least this fraction of the picture tiles.
+/// Another interpretation counts as better only if it fits better in at least this fraction of the picture tiles.
 const MIN_SHARE: f64 = 0.75;
-/// Another interpretation is better only if the mean improvement over tiles exceeds this many of its standard errors.
+/// Another interpretation counts as better only if the mean improvement over tiles exceeds this many of its standard
+/// errors.
 pub(super) const MIN_ERRORS: f64 = 3.0;
 /// Replaces [`MIN_GAIN`] for lens distortion; in valid scenes, the gain is 0.003.
 pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;
@@ -33,7 +34,7 @@ const AGREEING: f64 = 0.9;
 /// If at least [`AGREEING`] of the depths already agree as read, a change is needed only if it raises that fraction by
 /// at least this much, or if the colours require it ([`NEARER_COLOURS`]).
 const MORE_AGREEING: f64 = 0.03;
-/// A change that shows in colours is needed if it reduces colour differences to this fraction or less.
+/// If colours alone may show that a change is needed, it is needed if it multiplies their differences by this or less.
 const NEARER_COLOURS: f64 = 0.9;
 /// A tile of a picture is judged only if at least this many samples lie in it.
 const ENOUGH_IN_TILE: usize = 8;
@@ -41,7 +42,7 @@ const ENOUGH_IN_TILE: usize = 8;
 /// better.
 const WORSE_COLOURS: f64 = 1.02;
 
-/// Sum over the projections of each view into the next one; those back are left out.
+/// Sum over the projections of each view into the next one. Projections in the opposite direction are left out.
 pub(super) fn forward(all: &[Explained]) -> Explained {
     let mut sum = Explained::default();
     all.iter().step_by(2).for_each(|one| sum.add(one));

@@ -26,7 +26,7 @@ pub struct Fit {
 pub struct Consistency {
     /// With the poses as interpreted by the reader.
     pub as_read: Fit,
-    /// With other conventions that are commonly confused with the reader's.
+    /// With the poses in other conventions that are commonly confused with the reader's.
     pub otherwise: Vec<Fit>,
     /// Of the depth values that land on a pixel with depth in the other view, the fraction that agree, in the best
     /// pair. `None` if too few values land there (neighbours that see different things, or sparse depth).

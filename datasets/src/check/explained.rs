@@ -47,8 +47,8 @@ impl DepthIs {
 /// Placement of a depth map relative to its picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Registration {
-    /// Offset of the picture's centre from the depth map's own centre, as seen in the depth map, to
-    /// the right and down, in widths of the picture.
+    /// Offset, within the depth map, from the map's own centre to the picture's centre: to the right and down, in
+    /// widths of the picture.
     pub(super) off: DVec2,
     /// Magnification of the depth map relative to the picture.
     pub(super) zoom: f64,

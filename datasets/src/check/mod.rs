@@ -4,8 +4,10 @@
 //! * `convention`: common mistakes in poses.
 //! * [`consistency`][]: agreement of depth and colours projected from view to view.
 //! * `small_view`, `neighbours`, `explained`, `change`, `fit`: alternative interpretations of poses, cameras and depth,
-//!   fitted to reduced views; `one_view`, `some_views`: those that affect some views only; `stereo`: those of a
-//!   rectified pair; `block_match`: their disparities; `features`: those of poses without depth.
+//!   fitted to reduced views.
+//! * `one_view`, `some_views`: interpretations that affect some views only.
+//! * `stereo`, `block_match`: interpretations of a rectified pair and its disparities.
+//! * `features`: interpretations of poses without depth.
 //! * `orders`: other assignments of pictures to poses; `search`: search for the best-fitting factor.
 //! * `registered`, `z_buffer`, `overflow`: depth of another camera, of a renderer's z-buffer, or beyond 16 bits.
 //! * `calibration`: calibrations of another scene; `plausible`: implausible values.

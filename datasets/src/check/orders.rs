@@ -239,7 +239,7 @@ impl Neighbours<'_> {
         found.collect()
     }
 
-    /// View `i` with the parts `moves` of view `from`.
+    /// View `i`, with the parts that `moves` selects replaced by those of view `from`.
     fn shown_view(&self, i: usize, from: usize, moves: Moves) -> Option<Cow<'_, SmallView>> {
         let (view, _) = &self.small[&i];
         if moves == Moves::Poses || from == i {

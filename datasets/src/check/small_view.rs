@@ -252,7 +252,7 @@ impl SmallView {
         })
     }
 
-    /// Depth as read at the pixel of a position, with the centre of that pixel; `None` if there is none.
+    /// Depth as read of the pixel that contains `place`, and the pixel's centre. `None` if that pixel has no depth.
     pub(super) fn depth_at(&self, place: DVec2) -> Option<(f64, DVec2)> {
         let (x, y) = (place.x as u32, place.y as u32);
         let z = *self.depth.get(self.index(x, y))?;

@@ -35,8 +35,8 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError>
     }
 }
 
-/// Reads cameras. `params_of` returns the number of parameters of a model that is not built in, if
-/// known; the records must then fill the file.
+/// Reads cameras. For a model that is not built in, `params_of` returns an assumed number of parameters, if any. With
+/// such an assumption, the records must fill the file exactly.
 fn cameras_with(
     bytes: &[u8],
     params_of: &mut dyn FnMut(i32) -> Option<usize>,

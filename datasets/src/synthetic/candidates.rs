@@ -123,7 +123,7 @@ pub(super) struct LampCube {
 }
 
 impl LampCube {
-    /// Builds the cube for the given shapes, which cast shadows and are identified by their index.
+    /// Builds the cube from the shapes that cast shadows, each with its index.
     pub(super) fn new<'a>(
         lamp: DVec3,
         shapes: impl Iterator<Item = (u32, &'a SurfaceShape)> + Clone,

@@ -48,7 +48,7 @@ impl Object {
         &self.shape
     }
 
-    /// Intersection with a ray. The bounding sphere only skips shapes that cannot be hit.
+    /// Intersection with a ray. The bounding sphere is only used to skip shapes that cannot be hit.
     fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Meeting> {
         let (center, square_radius) = self.bounds;
         let to_center = center - origin;

@@ -249,7 +249,7 @@ impl<'a> TableRow<'a> {
         &self.values[self.starts[index]..self.starts[index + 1]]
     }
 
-    /// Value of a single-number property; the first one of a list.
+    /// Value of a property that is a single number; the first value of a list property.
     pub fn number(self, index: usize) -> f64 {
         self.values[self.starts[index]]
     }

@@ -1,8 +1,8 @@
 //! Pass `raster`: blends each tile's list into its pixels, sixteen pixels at a time.
 //!
 //! Each lane accumulates one pixel's Gaussians in list order, independently of all others, so neither the tile size nor
-//! skipped Gaussians can change its bits. Skipping is safe because footprint and `cut` are conservative bounds of where
-//! 1/255 can be reached.
+//! skipped Gaussians can change its bits. Skipping is safe because footprint and `cut` are conservative bounds of the
+//! region in which alpha can reach 1/255.
 
 use super::Rule;
 use super::project::ALPHA_MIN;

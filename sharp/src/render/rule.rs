@@ -258,6 +258,8 @@ impl Rule {
             }
     }
 
+    /// Checks that every choice is in its range.
+    ///
     /// # Errors
     /// [`RuleError::Impossible`] with the choice that is out of range.
     pub fn check(&self) -> Result<(), RuleError> {

@@ -30,7 +30,7 @@ pub struct ShaderConstants {
 }
 
 impl RenderView {
-    /// Low-pass of `sharp render` and `sharp predict`: no low-pass filter. The default.
+    /// Low-pass variance in px² of `sharp render` and `sharp predict`: 0, i.e. no filter. The default.
     pub const EPS2D_RELEASE: f32 = 0.0;
     /// `low_pass_filter_eps` in the release's predictor configuration, which no code uses.
     pub const EPS2D_CONFIG: f32 = 0.01;

@@ -46,8 +46,8 @@ impl Matches<'_> {
         Some((Change::Cameras(text), explained))
     }
 
-    /// The common factor of focal lengths that explains nearly all matches, and significantly more than as read. If
-    /// several do, the factor whose pixels are closest to square.
+    /// The common factor of focal lengths that explains nearly all matches, and significantly more than the focal
+    /// lengths as read. If several factors do, the one whose pixels are closest to square.
     pub(super) fn other_focal(
         &self,
         as_read: &[Option<bool>],

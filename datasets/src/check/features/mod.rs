@@ -367,7 +367,8 @@ fn miss(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f6
     }
 }
 
-/// In each cell, the pixel with the strongest corner: the smaller of its horizontal and vertical variation is largest.
+/// The pixel of each cell that is most like a corner: the one whose smaller variation, horizontal or vertical, is
+/// largest.
 fn features(grey: &Grey) -> Vec<(u32, u32)> {
     let (w, h) = grey.size();
     let margin = RADIUS + 1;

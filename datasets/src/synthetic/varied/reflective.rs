@@ -54,7 +54,7 @@ impl Panel {
         );
     }
 
-    /// A mirror with a back that is larger than it.
+    /// Adds a mirror on a slightly larger wooden board.
     fn put_mirror(&self, draft: &mut Draft<'_>) {
         let silver = draft.between(0.75, 0.96);
         let tint = DVec3::new(draft.between(0.94, 1.0), 1.0, draft.between(0.92, 1.0));

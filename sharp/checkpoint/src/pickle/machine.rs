@@ -33,7 +33,7 @@ struct Machine<'a, 'h> {
     stack: Vec<Value<'a>>,
     /// Stack height at each open mark; nothing below the last one may be popped.
     marks: Vec<usize>,
-    /// Looked up by number only, never iterated.
+    /// Values that the pickle stored for later use, by number.
     memo: HashMap<u32, Value<'a>>,
     heap: &'h mut Heap<'a>,
 }

@@ -52,7 +52,7 @@ impl MicroTile {
     pub(crate) const MAX: usize = 14 * 32;
 
     pub(crate) fn of(simd: Simd) -> Self {
-        /// One kernel per row distance.
+        /// A kernel for each row distance in `STRIDES`.
         macro_rules! kernels {
             ($kernel:path) => {{
                 use $kernel as kernel;

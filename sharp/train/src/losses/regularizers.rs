@@ -183,10 +183,10 @@ pub fn delta(raw: &[f32]) -> Loss<f32> {
     })
 }
 
-/// E_i[max(v − 100, 0) + max(0.1 − v, 0)], with v the variances of each Gaussian's 2D covariance in the px² of
-/// [`LossOptions::splat_width`]. The gradient is with respect to the entries uu, uv, vv, as returned by
-/// [`covariances`](sharp::render::covariances) for a picture of `width` pixels; uv occurs twice in the matrix but once
-/// here. All centres must be in front of the camera.
+/// E_i[max(v − 100, 0) + max(0.1 − v, 0)], with v the variances of each Gaussian's 2D covariance, in px² of a picture
+/// whose width is [`LossOptions::splat_width`]. The gradient is with respect to the entries uu, uv, vv, as returned by
+/// [`covariances`](sharp::render::covariances) for a picture of `width` pixels. The gradient with respect to uv
+/// includes both off-diagonal elements of the matrix. All centres must be in front of the camera.
 pub fn splat(covariances: &[[f64; 3]], width: u32, options: &LossOptions) -> Loss<[f64; 3]> {
     let unit = (options.splat_width / f64::from(width)).powi(2);
     let share = 1.0 / covariances.len().max(1) as f64;
