@@ -158,7 +158,7 @@ fn entry(
         )));
     }
     if packed != size {
-        return malformed!("zip: '{name}' is stored but has two different sizes");
+        return malformed!("zip: '{name}' is stored uncompressed, but its two sizes differ");
     }
     let local = slice(file, start, LOCAL_LEN as u64, "a local header")?;
     if !local.starts_with(LOCAL) {

@@ -272,11 +272,11 @@ impl Rule {
             ..
         } = self;
         let refused = if !(*low_pass >= 0.0 && low_pass.is_finite()) {
-            format!("low-pass {low_pass} is not finite and at least 0")
+            format!("low-pass {low_pass} is negative or not finite")
         } else if !(*alpha_max > 0.0 && *alpha_max <= 1.0) {
-            format!("alpha-max {alpha_max} is not above 0 and at most 1")
+            format!("alpha-max {alpha_max} must be above 0 and at most 1")
         } else if !(*near > 0.0 && near <= far) {
-            format!("near {near}, far {far} do not satisfy 0 < near ≤ far")
+            format!("near {near} and far {far} must satisfy 0 < near ≤ far")
         } else if *degree > Harmonics::MAX_DEGREE {
             format!("degree {degree} is above {}", Harmonics::MAX_DEGREE)
         } else {

@@ -86,8 +86,7 @@ impl RenderView {
         }
         if ![fx, fy, cx, cy].iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
             return bad(format!(
-                "the intrinsics are not finite with a positive focal length: fx {fx}, fy {fy}, cx \
-                                {cx}, cy {cy}"
+                "intrinsics must be finite, and focal lengths positive, but fx is {fx}, fy {fy}, cx {cx}, cy {cy}"
             ));
         }
         if let Err(refused) = self.rule.check() {

@@ -115,7 +115,8 @@ pub(in crate::check) fn swapped_focals(views: &[View]) -> Option<(String, Vec<DV
     let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
     let factor = |view: &View| kinds[usize::from(is_same(focal(view), kinds[0]))] / focal(view);
     let text = format!(
-        "views with the focal length of {} ({} pixels) and views with that of {} ({}) appear to have each other's",
+        "views with the focal length of {} ({} pixels) and views with that of {} ({}) appear to have each other's \
+         focal length",
         one.id,
         number(kinds[0].x),
         two.id,

@@ -145,7 +145,7 @@ fn photo_from_bytes(
     };
     if !(focal_px.is_finite() && focal_px > 0.0) {
         return refuse(format!(
-            "the focal length is not finite and positive: {focal_px} pixels"
+            "the focal length must be finite and positive, but is {focal_px} pixels"
         ));
     }
     if focal_source == FocalSource::Given && focal_px < MIN_WIDTHS * width as f64 {

@@ -292,7 +292,7 @@ pub fn backward_covariances(
     check_rule(view)?;
     if [gradient.len(), out.len()] != [scene.len(); 2] {
         return Err(RenderError::View(format!(
-            "{} gradients of covariances into {} for {} Gaussians",
+            "{} gradients of covariances and {} outputs for {} Gaussians",
             gradient.len(),
             out.len(),
             scene.len()
