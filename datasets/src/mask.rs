@@ -53,8 +53,8 @@ const MIN_LABELLED: f64 = 0.01;
 /// A picture counts as a map of objects if at least this fraction of its grey pixels lie in areas of one level.
 const MIN_FLAT: f64 = 0.8;
 
-/// If a picture is a map of objects or classes, i.e. has three or more levels in uniform areas: its first few levels,
-/// for a message. `None` for a mask, even if it was blurred or stored as JPEG.
+/// The first few levels of a map of objects or classes, for a message. A picture counts as such a map if it has three
+/// or more levels in uniform areas. `None` for a mask, even if it was blurred or stored as JPEG.
 pub(crate) fn labels(mask: &GrayImage) -> Option<String> {
     let (width, height) = mask.dimensions();
     let mut counts = [0_usize; 256];

@@ -362,7 +362,7 @@ impl<'a> Body<'a> {
             })
     }
 
-    /// `None` at the end of the file.
+    /// Reads one binary value; `None` at the end of the file.
     fn binary(&mut self, scalar: Scalar) -> Option<f64> {
         Some(match scalar {
             Scalar::I8 => f64::from(i8::from_le_bytes(self.take()?)),

@@ -39,12 +39,12 @@ const CLOSE: f64 = 3.0;
 /// Minimum width and height of reduced views; smaller ones are skipped, because a pixel is too large a fraction of
 /// them.
 const MIN_SIDE: u32 = 48;
-/// Poses are judged only from at least this many matches.
+/// Poses are judged only if there are at least this many matches.
 pub(super) const MIN_MATCHES: usize = 30;
 /// Another interpretation is better only if it explains at least this fraction of the matches.
 const MIN_SHARE: f64 = 0.6;
-/// Another interpretation is better only if the fraction of matches that it explains exceeds the fraction that the
-/// dataset reader's own explains by at least this.
+/// Another interpretation counts as better only if it explains a larger fraction of the matches than the dataset
+/// reader's own, by at least this.
 const MIN_MORE: f64 = 0.2;
 /// Another interpretation is better only if the number of explained matches increases by at least this many standard
 /// errors.

@@ -34,8 +34,8 @@ pub enum Epilogue<'a> {
     ResidualRelu(&'a [f32]),
 }
 
-/// Maximum number of rows of a task. A task processes up to `KC` inputs of all its rows at a time. Of this many rows,
-/// they fill a large part of a 1 MiB L2 cache, and the weights are read once for all rows.
+/// Maximum number of rows of a task. The inputs of this many rows, up to `KC` per row at a time, fill a large part of a
+/// 1 MiB L2 cache. The weights are read once for all of these rows.
 pub(crate) const MAX_TASK_ROWS: usize = 296;
 /// Maximum number of columns of a task. Each task copies the rows it needs, so narrower tasks would repeat that copy
 /// more often.
