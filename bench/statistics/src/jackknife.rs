@@ -22,7 +22,8 @@ pub struct Jackknife {
 }
 
 impl Jackknife {
-    /// Requires at least two clusters and finite scores.
+    /// Computes the variance and degrees of freedom of the mean difference of `sample`, which must have at least two
+    /// clusters and only finite scores.
     pub fn new(sample: &Clusters) -> Self {
         let n_clusters = sample.n_clusters() as f64;
         let all = sample.n_pairs() as f64;

@@ -419,7 +419,7 @@ pub(super) fn log2(x: f64) -> f64 {
     let mantissa = f64::from_bits(
         (shifted & 0x000f_ffff_ffff_ffff).wrapping_add(std::f64::consts::FRAC_1_SQRT_2.to_bits()),
     );
-    // 2^52 + 2^51 with the exponent's bits below: converts integer to float by subtraction.
+    // 2^52 + 2^51. Adding a small integer to its bits and then subtracting it converts the integer to a float.
     const MAGIC: f64 = 6_755_399_441_055_744.0;
     let biased = f64::from_bits(((shifted >> 52) ^ 0x800).wrapping_add(MAGIC.to_bits())) - MAGIC;
     let exponent = biased - 2048.0;

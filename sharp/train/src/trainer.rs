@@ -106,7 +106,7 @@ impl Trainer {
         folder: &Path,
         compute: Compute,
     ) -> Result<Self, TrainingError> {
-        // Check this now rather than after the first stage.
+        // Check the second stage's photographs now rather than after the first stage.
         if let (1.., Some((folder, held_out))) =
             (config.stage2.steps, config.stage2.data.photographs())
         {
