@@ -38,8 +38,8 @@ pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = u
 }
 
 /// Assignments that result from common mistakes, with descriptions: shifts starting at one of `starts`, reverse order,
-/// lexicographic instead of numeric order, and the `swapped` pairs. `noun` names what is assigned to the pictures.
-/// Each has the minimum number of pairs of neighbours that it must explain better.
+/// lexicographic instead of numeric order, and the `swapped` pairs. `noun` names what is assigned to the pictures. Each
+/// comes with the minimum number of neighbouring pairs that it must explain better to be reported.
 pub(super) fn orders(
     views: &[View],
     starts: &BTreeSet<usize>,

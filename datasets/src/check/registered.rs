@@ -13,8 +13,8 @@ use super::search::is_reportable;
 const PROBE: f64 = 0.02;
 /// Magnification that is tried first.
 const PROBED_ZOOM: f64 = 1.1;
-/// Number of steps in the search for the offset, then the ratio between consecutive factors; offsets are expressed as
-/// factors, as for principal points.
+/// Number of steps in the search for the offset, then the ratio between consecutive factors. An offset is a tenth of
+/// the logarithm of its factor, in widths.
 const OFFSETS: (i32, f64) = (10, 1.12);
 /// Number of steps in the search for the magnification, then the ratio between them.
 const ZOOMS: (i32, f64) = (12, 1.035);

@@ -50,10 +50,10 @@ impl VitConfig {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AlignmentInput {
-    /// As in the release, whose alignment network receives two channels.
+    /// The first of the two layers, as in the release. The network then has two input channels.
     #[default]
     FirstLayer,
-    /// A possible reading of the paper, whose predicted depth has two layers. Three input channels.
+    /// Both layers, a possible reading of the paper. The network then has three input channels.
     BothLayers,
 }
 

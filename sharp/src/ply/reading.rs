@@ -76,15 +76,15 @@ impl Default for ColorSpace {
 }
 
 setting!(
-    /// Encoding of opacities.
+    /// Encoding of an opacity o in 0..1.
     StoredOpacity, "opacity":
     /// ln(o / (1 − o)).
     Logit = "logit",
-    /// 0..1.
+    /// o itself, in 0..1.
     Linear = "linear",
-    /// 0..255.
+    /// 255 o, in 0..255.
     Byte = "byte",
-    /// ln o.
+    /// ln o, the natural logarithm.
     Log = "log",
 );
 setting!(
@@ -109,17 +109,17 @@ setting!(
     XyzwInverse = "xyzw-inverse",
 );
 setting!(
-    /// Encoding of colours.
+    /// Encoding of a colour channel c, nominally in 0..1.
     StoredColors, "colors":
     /// The constant coefficient of spherical harmonics, (c − ½) / √(1 / 4π).
     Dc = "dc",
     /// c / √(1 / 4π), without the half.
     DcUncentered = "dc-uncentered",
-    /// 0..1.
+    /// c itself, in 0..1.
     Rgb01 = "rgb01",
-    /// −1..1: 2 c − 1.
+    /// 2 c − 1, in −1..1.
     RgbSigned = "rgb-signed",
-    /// 0..255; in a PLY without `f_dc_*`, its `red green blue`.
+    /// 255 c, in 0..255; read from `red green blue` in a PLY without `f_dc_*`.
     Rgb255 = "rgb255",
     /// ln(c / (1 − c)), as in nerfstudio's exports of models of degree 0.
     Logit = "logit",

@@ -13,7 +13,7 @@ setting!(
     /// Opacity factor that compensates for the widening by the low-pass, computed from the determinants of the 2D
     /// covariance without (d0) and with it (d1).
     Compensation, "compensation":
-    /// 1.
+    /// Factor 1: opacities are not compensated.
     None = "none",
     /// √(d0/d1).
     Root = "root",
