@@ -7,8 +7,7 @@ use rayon::prelude::*;
 
 use crate::camera::{Intrinsics, RigidTransform};
 
-/// z-depth in metres. +∞ marks sky (see [`InfiniteDepth`]); other values that are not finite and
-/// positive are invalid.
+/// z-depth in metres. +∞ marks sky (see [`InfiniteDepth`]). NaN, −∞, zero and negative values are invalid.
 type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 
 /// 1 inside, 0 outside; has the size of the target.

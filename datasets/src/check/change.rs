@@ -51,8 +51,8 @@ pub(super) enum Change {
     Registered(Registration),
     /// Pictures or depth maps are flipped; holds a description of the direction.
     Flipped(Part, &'static str),
-    /// Pictures fit if they are turned by their EXIF orientation, or if they are not; holds the setting that selects
-    /// this. Either way, they have the camera's size.
+    /// Pictures fit under the other interpretation of their EXIF orientation, i.e. turned instead of as stored, or the
+    /// reverse. Holds the setting that selects it. Under both interpretations, pictures have the camera's size.
     Turned(&'static str),
 }
 

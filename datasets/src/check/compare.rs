@@ -3,7 +3,7 @@
 
 use super::explained::{ENOUGH, Explained};
 
-/// Another interpretation is better only if it removes at least this fraction of the loss.
+/// Another interpretation counts as better only if it removes at least this fraction of the loss.
 pub(super) const MIN_GAIN: f64 = 0.1;
 /// Replaces [`MIN_GAIN`] for changes by a factor. It can be lower, because in valid data hardly any factor fits better
 /// than 1.

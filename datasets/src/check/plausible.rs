@@ -57,8 +57,8 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
     })
 }
 
-/// If a camera seems to be calibrated for pictures of another size, that size relative to its own. This is assumed if
-/// the principal point is far off the centre by the same factor in both directions.
+/// The size of the pictures for which a camera seems to be calibrated, as a factor of its own size; `None` if it fits
+/// its own. Another size is assumed if the principal point is far off the centre by the same factor in both directions.
 fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;
@@ -147,7 +147,7 @@ pub(super) fn have_one_rotation(views: &[View]) -> bool {
     views.len() >= 3 && views.iter().all(is_first)
 }
 
-/// Steps to which positions may have been rounded, in the poses' unit; these are tried.
+/// Candidates for the step to which positions may have been rounded, in the poses' unit.
 const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 /// A coordinate counts as a multiple of a step if it is off by less than this fraction of the step.
 const OFF_STEP: f64 = 1e-3;

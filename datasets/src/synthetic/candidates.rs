@@ -59,7 +59,7 @@ pub(super) struct SunGrid {
 }
 
 impl SunGrid {
-    /// Builds the grid for the given shapes, which cast shadows and are identified by their index.
+    /// Builds the grid from the shapes that cast shadows, each with its index.
     pub(super) fn new<'a>(
         to_sun: DVec3,
         shapes: impl Iterator<Item = (u32, &'a SurfaceShape)> + Clone,

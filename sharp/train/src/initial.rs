@@ -150,6 +150,8 @@ impl WeightSource for Untrained {
 pub(crate) struct Pretrained(Box<dyn WeightSource>);
 
 impl Pretrained {
+    /// Opens a checkpoint of the network of `config`.
+    ///
     /// # Errors
     /// [`ModelError::Checkpoint`]; [`ModelError::Incomplete`] for another network.
     pub(crate) fn open(file: &Path, config: &ModelConfig) -> Result<Self, ModelError> {

@@ -41,13 +41,13 @@ const CLOSE: f64 = 3.0;
 const MIN_SIDE: u32 = 48;
 /// Poses are judged only if there are at least this many matches.
 pub(super) const MIN_MATCHES: usize = 30;
-/// Another interpretation is better only if it explains at least this fraction of the matches.
+/// Another interpretation counts as better only if it explains at least this fraction of the matches.
 const MIN_SHARE: f64 = 0.6;
 /// Another interpretation counts as better only if it explains a larger fraction of the matches than the dataset
 /// reader's own, by at least this.
 const MIN_MORE: f64 = 0.2;
-/// Another interpretation is better only if the number of explained matches increases by at least this many standard
-/// errors.
+/// Another interpretation counts as better only if the number of explained matches increases by at least this many
+/// standard errors.
 const MIN_ERRORS: f64 = 4.0;
 /// Maximum number of views whose poses are tried, two at a time, for two pictures.
 const MAX_TRIED: usize = 48;
