@@ -228,6 +228,8 @@ pub(crate) struct PointTracks {
 }
 
 impl PointTracks {
+    /// Reads a model's points. `scale` is the number of metres per unit of the model.
+    ///
     /// # Errors
     /// If the file is missing or invalid; names the file.
     pub(crate) fn read(model_folder: &Path, scale: f64) -> Result<Self, DatasetError> {

@@ -11,7 +11,7 @@ const MIN_AGREEING: f64 = 0.3;
 /// Agreement of neighbouring views under one pose convention.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
-    /// How this convention differs from the reader's own; `as read` for that one.
+    /// How this convention differs from the reader's own; `as read` for the reader's own.
     pub convention: &'static str,
     /// Fraction of depth values that agree within 5 %, 0..1.
     pub depth: f64,

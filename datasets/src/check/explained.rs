@@ -146,7 +146,7 @@ const DEPTH_SCALE: f64 = 0.1;
 pub(super) const COLOUR_SCALE: f64 = 32.0;
 /// Agreement of depths is measured only if at least this fraction of the samples land on a pixel with depth.
 pub(super) const ENOUGH: f64 = 0.05;
-/// An exposure is measured only from at least this many colours.
+/// An exposure is measured only if at least this many colours were compared.
 const MIN_COMPARED: usize = 200;
 /// Depths agree if their relative difference is at most this.
 pub(super) const TOLERANCE: f64 = 0.05;
