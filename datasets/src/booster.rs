@@ -129,8 +129,10 @@ fn is_wanted(folder: &Path, split: &str, set: &str) -> bool {
     split_fits && set_fits
 }
 
-/// Reads a scene for each pair of pictures. If the pictures of a folder cannot be determined, the
-/// error contains the folder.
+/// Adds a scene to `found` for each pair of pictures in a folder; a pair that cannot be read is added with its error.
+///
+/// # Errors
+/// If the folder's pictures cannot be determined.
 fn read_scenes(
     spec: &DatasetSpec,
     root: &Root,
@@ -197,7 +199,7 @@ fn read_scene(
 
 /// The two cameras of a scene.
 struct BoosterRig {
-    /// Focal lengths and principal points of the left and right camera, integer-centred.
+    /// fx, fy, cx and cy of the left and right camera, with pixel centres at integers.
     cameras: [[f64; 4]; 2],
     geometry: [StereoGeometry; 2],
 }

@@ -12,7 +12,7 @@ struct BundledScene {
 }
 
 struct BundledFile {
-    /// Disparities in an EXR file are written as PFM, which the `middlebury` reader requires.
+    /// Name of the bundled file. An EXR file of disparities is written as PFM, which the `middlebury` reader requires.
     name: &'static str,
     bytes: &'static [u8],
 }

@@ -86,7 +86,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?.allowing_outside(spec.setting("outside") == "allow");
-    // Parsed once, before any scene, because an invalid value is not an error of a scene.
+    // Parsed before any scene is read, because an invalid value is an error of the whole dataset.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
     let chosen = Some(spec.setting("model")).filter(|model| *model != "first");
     let places = chosen.map_or(MODELS.to_vec(), |model| vec![model]);
@@ -228,6 +228,8 @@ pub(crate) struct PointTracks {
 }
 
 impl PointTracks {
+    /// Reads a model's points. `scale` is the number of metres per unit of the model.
+    ///
     /// # Errors
     /// If the file is missing or invalid; names the file.
     pub(crate) fn read(model_folder: &Path, scale: f64) -> Result<Self, DatasetError> {

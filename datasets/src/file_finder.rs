@@ -16,7 +16,7 @@ pub(crate) struct FileFinder<'a> {
     root: &'a Root,
     list: PathBuf,
     listed: BTreeMap<PathBuf, Stems>,
-    /// The chosen files, each with the other candidates.
+    /// For each chosen file, the names of the candidates that were not chosen.
     passed_over: BTreeMap<PathBuf, Vec<String>>,
 }
 
@@ -126,7 +126,7 @@ impl<'a> FileFinder<'a> {
             .iter()
             .map(|(chosen, others)| {
                 let name = self.root.id_of(chosen);
-                format!("{name} is read and not {}", others.join(", "))
+                format!("{name} is read, not {}", others.join(", "))
             })
             .collect();
         vec![format!(

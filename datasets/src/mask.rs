@@ -9,8 +9,8 @@ use crate::format::picture;
 use crate::left_out::first_few;
 use crate::undistort::Undistortion;
 
-/// The lowest level that counts as white in the masks of any program; lower ones count as black. Masks consist of 0 and
-/// 255, but JPEG and resizing add levels between them.
+/// The lowest level of a mask that counts as white; lower ones count as black. Masks consist of 0 and 255, but JPEG and
+/// resizing add levels between them.
 pub(crate) const WHITE: u8 = 128;
 
 /// The side of a mask that marks valid pixels.
@@ -53,8 +53,8 @@ const MIN_LABELLED: f64 = 0.01;
 /// A picture counts as a map of objects if at least this fraction of its grey pixels lie in areas of one level.
 const MIN_FLAT: f64 = 0.8;
 
-/// The first few levels of a map of objects or classes, which has three or more levels in uniform areas. `None` for a
-/// mask, even if it was blurred or stored as JPEG.
+/// The first few levels of a map of objects or classes, for a message. A picture counts as such a map if it has three
+/// or more levels in uniform areas. `None` for a mask, even if it was blurred or stored as JPEG.
 pub(crate) fn labels(mask: &GrayImage) -> Option<String> {
     let (width, height) = mask.dimensions();
     let mut counts = [0_usize; 256];

@@ -129,7 +129,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
                 "scenes=training15, and it is not in MiddEval3's training set",
             );
         } else if other && rectification == "one" {
-            let reason = "rectification=one, and <Scene>-perfect exists, too (any would read both)";
+            let reason =
+                "rectification=one, and <Scene>-perfect exists (rectification=any would read both)";
             found.rule_out(id, reason);
         } else if other {
             found.rule_out(id, format!("rectification={rectification}"));

@@ -86,7 +86,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         (spec.path.as_path(), None)
     };
     let root = Root::open(folder)?.allowing_outside(spec.setting("outside") == "allow");
-    // Parsed once, before any scene, because an invalid value is not an error of a scene.
+    // Parsed before any scene is read, because an invalid value is an error of the whole dataset.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
     let mut found = FoundScenes::default();
     if let Some(json) = only {
@@ -205,7 +205,7 @@ fn read_scene(
         ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
     folders.extend(depth);
     folders.retain(|(unused, _)| unused != folder);
-    // A file for a single split does not use all pictures.
+    // A file for a single split does not list all pictures, so pictures that it does not use are no cause for a note.
     if json.ends_with(NAMES[0]) {
         scene.note_unused(&folders);
     }
@@ -223,7 +223,8 @@ struct FrameReader<'a> {
 }
 
 impl FrameReader<'_> {
-    /// `None` for a frame that is excluded because its depth map or mask is missing.
+    /// Combines a frame's picture, pose, lens, depth and mask; `None` if the frame is excluded because its depth map or
+    /// mask is missing.
     fn posed(
         &self,
         frame: &JsonFrame,

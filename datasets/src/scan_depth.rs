@@ -48,7 +48,7 @@ impl ScanCache {
 pub(crate) struct ScanFile {
     pub(crate) file: PathBuf,
     pub(crate) cache: ScanCache,
-    /// Points mark all pixels within this distance. Triangles are filled and do not use it.
+    /// Points mark all pixels within this distance, in pixels. Triangles are filled and do not use it.
     pub(crate) splat_radius: u32,
 }
 
@@ -115,8 +115,7 @@ fn draw(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
     }
 }
 
-/// Draws a triangle into a z-buffer, sampled at pixel centres. Uses that 1/z is linear in the
-/// picture.
+/// Draws a triangle into a z-buffer, sampled at pixel centres. Interpolates 1/z, which is linear in the picture.
 fn fill(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
     let places = corners.map(|c| place(pinhole, c));
     let [Some((a, za)), Some((b, zb)), Some((c, zc))] = places else {

@@ -69,8 +69,7 @@ impl<'a> SceneBuilder<'a> {
         self.of_left_out.extend(map);
     }
 
-    /// Picture and pose of a frame. If it lacks one of them, or its picture was used before, the
-    /// frame is excluded.
+    /// Picture and pose of a frame. If one of them is missing, or the picture was used before, the frame is excluded.
     pub(crate) fn usable<P>(
         &mut self,
         name: &str,

@@ -21,8 +21,8 @@ const HEADERS: usize = 64;
 const MASKS: usize = 4;
 /// Maximum number of 16-bit pictures decoded per scene, evenly spaced.
 const DEEP: usize = 4;
-/// Brightest level, of 255, of 16-bit pictures that hold 14-bit values. Pictures with values of 8 to 12 bits are
-/// refused when they are read.
+/// 16-bit pictures are suspected to hold 14-bit values if their brightest level, reduced to 8 bits, is in this range.
+/// Pictures with values of 8 to 12 bits are refused when they are read.
 const UNSCALED: std::ops::RangeInclusive<u8> = 16..=64;
 /// Masks are plausible if they keep at least this fraction of the pixels: most exclude a person, a sky or a logo.
 const MIN_LEFT: f64 = 0.2;
@@ -113,8 +113,8 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             (false, false) => scene.notes.push(format!("{have} and are read as stored, as their cameras are")),
             (false, true) => scene.warnings.push(format!(
                 "{have} and are read as stored, as COLMAP and nerfstudio do; if their cameras are \
-                 for the upright pictures, set orientation=upright (orientation=stored would read them \
-                 as now, without this warning)"
+                 for the upright pictures, set orientation=upright (orientation=stored confirms the current \
+                 reading and removes this warning)"
             )),
         }
     }
@@ -149,7 +149,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
         _ if shares.is_empty() => {}
         "apply" if left < MIN_LEFT => scene.warnings.push(format!(
             "masks: on average they leave {percent:.1} % of the pixels; if black marks the pixels to \
-             keep, set masks=keep-black (masks=keep-white would read them as now, without this warning)"
+             keep, set masks=keep-black (masks=keep-white confirms the current reading and removes this warning)"
         )),
         _ if left < 0.5 => scene.notes.push(format!(
             "masks: on average they leave {percent:.1} % of the pixels"

@@ -48,8 +48,8 @@ impl Root {
         Ok(search.found)
     }
 
-    /// Files of a folder by name, without a system call for each: only symbolic links are followed,
-    /// and links that lead outside are excluded and counted. Empty if the folder does not exist.
+    /// Files of a folder, keyed by name; empty if the folder does not exist. Only symbolic links need a system call
+    /// each. Links that lead outside the root are excluded and added to `left_out`.
     pub(crate) fn files_in(
         &self,
         folder: &Path,

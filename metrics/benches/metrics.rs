@@ -1,4 +1,4 @@
-//! Every metric's default variant on a pair of 512 × 384 pixels.
+//! Times the default variant of every metric on a pair of 512 × 384 pixels.
 
 #![allow(missing_docs, reason = "criterion's macros define public functions")]
 

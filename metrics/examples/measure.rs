@@ -1,4 +1,4 @@
-//! Measures one metric and prints a line of JSON: CPU seconds, wall seconds, peak memory, and the part of it that
+//! Measures one metric and prints a line of JSON: CPU seconds, wall seconds, peak memory, and the memory that
 //! `memory_bytes` predicts.
 //!
 //! ```text

@@ -133,7 +133,7 @@ impl Dists {
     }
 }
 
-/// Stabilises quotients of near-zero moments near 1.
+/// Added to numerator and denominator of each similarity, so that two near-zero moments count as equal.
 const C: f64 = 1e-6;
 
 /// Moments of the pictures' own values, in 0..1.

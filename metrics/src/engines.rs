@@ -203,7 +203,7 @@ impl Engines {
                 pictures.iter().map(|p| to_shorter_side_256(p)).collect();
             let unchanged = matches!(resized[0], Cow::Borrowed(_));
             if unchanged && wanted(Metric::Dists) {
-                // Nothing was reduced, so the value is the same.
+                // The pictures are too small to be reduced, so both metrics have the same value.
                 for learned in &mut learned {
                     if let Some(full) = learned.dists.get(&Resolution::Full).cloned() {
                         learned.dists.insert(Resolution::Side256, full);

@@ -64,15 +64,16 @@ impl LpipsNet {
 pub enum LpipsVariant {
     /// As published: pictures scaled to −1..1, ε = 1e-10 added to the norm.
     Official,
-    /// Pictures left in 0..1: 3D Gaussian Splatting's evaluation with VGG, nerfstudio's surface models with AlexNet.
+    /// Pictures left in 0..1, as in 3D Gaussian Splatting's evaluation (with VGG) and in nerfstudio's surface models
+    /// (with AlexNet).
     Unscaled,
     /// ε = 1e-8 under the root, as in torchmetrics.
     TorchmetricsEps,
-    /// The published LPIPS in the bounding box of the mask, with the prediction replaced by the target outside the
-    /// mask: UniSHARP's masked variant.
+    /// UniSHARP's masked variant: outside the mask, the prediction is replaced by the target; the published LPIPS is
+    /// then computed in the mask's bounding box.
     BoxPaste,
-    /// At each layer, the mean over positions not influenced by any pixel outside the mask, with ε = 1e-8 added to the
-    /// norm: the masked variant of ScanNet++'s toolbox.
+    /// The masked variant of ScanNet++'s toolbox: the mean of each layer covers only positions that no pixel outside
+    /// the mask influences; ε = 1e-8 is added to the norm.
     LayerMask,
 }
 
@@ -186,7 +187,7 @@ pub struct MetricKey {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum IdentityError {
     #[error(
-        "unknown metric '{name}'; {}keys, each also without brackets (lpips-vgg): {}; with a mask only: {}",
+        "unknown metric '{name}'; {}known keys (lpips-vgg is short for lpips[vgg,v0.1]): {}; only with a mask: {}",
         meant(name), listed(&MetricKey::all()), listed(&MetricKey::with_mask_only())
     )]
     Unknown { name: String },

@@ -71,12 +71,12 @@ pub(crate) struct Distance {
     pub(crate) maps: Vec<TapMap>,
 }
 
-/// For each tap of VGG16, the radius of the receptive field of the convolutions since the preceding
-/// tap, in positions of that tap: half the side of the square, rounded down.
+/// For each tap of VGG16, the number of positions by which the convolutions since the preceding tap reach out on each
+/// side: half the side of their receptive field, rounded down.
 const VGG_REACH: [usize; 5] = [2, 2, 3, 3, 3];
 
 impl Distance {
-    /// Sum over VGG16's layers of the mean over those positions that no pixel outside the mask
+    /// Sum over VGG16's layers, where each layer's mean covers only the positions that no pixel outside the mask
     /// influences. Pixels beyond the picture's border count as inside. Requires maps.
     pub(crate) fn inside_layers(&self, mask: &Mask) -> Result<f64, Unavailable> {
         let mut reached = mask.clone();
@@ -198,7 +198,7 @@ fn squared_lengths_body(row: &[f32], channels: usize, out: &mut [f64]) {
     }
 }
 
-/// The taps of every network have a multiple of 64 channels.
+/// Squared length of a feature vector, given in blocks of 8 channels; the taps of every network have a multiple of 64.
 #[inline(always)]
 fn squared_length(vector: &[[f32; 8]]) -> f64 {
     let mut sum = [0.0_f64; 8];

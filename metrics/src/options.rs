@@ -21,8 +21,8 @@ pub struct ScorerOptions {
     pub strip_rows: Option<NonZeroUsize>,
 }
 
-/// Everything other than weights and pictures that affects the networks' features, for records. The
-/// number of threads does not affect any bit; nor does, with the CPU kernels, the height of strips.
+/// Everything other than weights and pictures that affects the networks' features, for records. Features are
+/// bit-identical for any number of threads and, with the CPU kernels, any height of strips.
 ///
 /// Features from different devices, instruction sets or algorithms differ in the last digits of
 /// f32. In JSON, `{"device": "cpu", "instruction_set": "avx512", "algorithm": "winograd"}` or

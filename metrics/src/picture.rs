@@ -15,7 +15,7 @@ pub enum Picture {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PictureError {
     #[error(
-        "area only reduces pictures; bilinear, bilinear-antialias, bicubic and lanczos also enlarge them"
+        "the kernel area only reduces pictures; use bilinear, bilinear-antialias, bicubic or lanczos to enlarge them"
     )]
     AreaEnlarges,
     #[error("the picture is {width}x{height}: it has no pixels")]
@@ -193,7 +193,7 @@ impl Normalization {
     }
 }
 
-/// v / 255 in f64. A division per pixel would cost more than the rest of a metric.
+/// Element v is v / 255 in f64. A division per pixel would cost more than the rest of a metric.
 const LEVELS: [f64; 256] = {
     let mut levels = [0.0; 256];
     let mut v = 0;
@@ -225,7 +225,7 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// Creates a mask from row-major values; `None` unless there are width × height of them.
+    /// Creates a mask from row-major values; `None` if their number is not width × height.
     pub fn new(width: u32, height: u32, inside: Vec<bool>) -> Option<Self> {
         (inside.len() as u64 == u64::from(width) * u64::from(height)).then_some(Self {
             width,

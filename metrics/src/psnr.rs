@@ -66,8 +66,7 @@ fn squared_error_8bit(a: &[u8], b: &[u8], width: usize, mask: Option<&Mask>) -> 
         .sum()
 }
 
-/// The slices must have at most 66,000 levels, so that the sum of squared differences does not
-/// overflow.
+/// Sum of the squared differences of two slices of 8-bit levels. More than 66,000 levels could overflow.
 fn sum_of_squares(a: &[u8], b: &[u8]) -> u32 {
     a.iter()
         .zip(b)

@@ -60,8 +60,8 @@ impl Scorer {
     /// Prepares a selection of metrics with the available weights.
     ///
     /// # Errors
-    /// If a weights file that a selected metric needs was given but cannot be used. Metrics for
-    /// which no weights were given are [`Unavailable`].
+    /// [`WeightsError`] if a given weights file is needed but cannot be used. Missing weights are not an error: metrics
+    /// that need them are [`Unavailable`].
     pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
         Self::with_options(selection, weights, ScorerOptions::default())
     }
@@ -95,11 +95,11 @@ impl Scorer {
         }
     }
 
-    /// LPIPS of version 0.0, which has no key; used to find the origin of a given number. `None`
-    /// unless a metric with that network is selected and its weights are available.
+    /// LPIPS of version 0.0, which has no key; used to find out how a given number was computed. The pictures must have
+    /// the same size. `None` if no selected metric uses that network, or its weights are missing.
     ///
     /// # Errors
-    /// Why there is no value for these pictures, which must have the same size.
+    /// [`Unavailable`] if these pictures have no value.
     pub fn lpips_v0(
         &self,
         net: LpipsNet,
@@ -131,8 +131,8 @@ impl Scorer {
         &self.engines.used
     }
 
-    /// The metrics that have no value for any picture because no weights are available for their
-    /// network, each with that network.
+    /// The metrics that cannot be computed for any picture because the weights of their network are missing, each with
+    /// that network.
     pub fn missing_weights(&self) -> impl Iterator<Item = (MetricKey, Backbone)> + '_ {
         let used = |backbone| self.weights().iter().any(|used| used.backbone == backbone);
         let needed = self.keys.iter();

@@ -94,8 +94,7 @@ impl Selection {
             .any(|entry| entry.key == key && entry.explicit)
     }
 
-    /// This selection with each metric over the whole picture followed by its variant for `region`,
-    /// if that exists.
+    /// Adds, after each metric over the whole picture, its variant for `region`, if there is one.
     #[must_use]
     pub fn with_region(&self, region: MetricRegion) -> Self {
         let mut selection = Self { entries: vec![] };

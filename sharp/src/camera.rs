@@ -107,7 +107,8 @@ impl Intrinsics {
         ])
     }
 
-    /// Projects a camera-space point (metres) to pixels; `None` if it is not in front of the camera (z > 0).
+    /// Projects a camera-space point (metres) to pixels; `None` if its z is not positive, i.e. the camera cannot see
+    /// it.
     #[inline]
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         (point.z > 0.0).then(|| {

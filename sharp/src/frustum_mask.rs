@@ -7,8 +7,7 @@ use rayon::prelude::*;
 
 use crate::camera::{Intrinsics, RigidTransform};
 
-/// z-depth in metres. +∞ marks sky (see [`InfiniteDepth`]); other values that are not finite and
-/// positive are invalid.
+/// z-depth in metres. +∞ marks sky (see [`InfiniteDepth`]). NaN, −∞, zero and negative values are invalid.
 type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 
 /// 1 inside, 0 outside; has the size of the target.
@@ -26,8 +25,8 @@ pub enum InfiniteDepth {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrustumMaskOptions {
-    /// Half the width and height of the source's widened field of view, in normalised coordinates with the image's
-    /// edges at ±1; inclusive.
+    /// The source's field of view is widened to ± this value in x and y, inclusive. In these normalised coordinates,
+    /// the image's edges are at ±1.
     pub margin: f64,
     pub infinite_depth: InfiniteDepth,
 }

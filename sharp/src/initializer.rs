@@ -27,7 +27,7 @@ pub enum InitializerError {
     #[error("a grid of {0:?} is empty or cannot be divided into whole blocks")]
     Grid(Grid),
     /// A predictor's depth is NaN, infinite or not positive.
-    #[error("{count} of {total} depth values are not finite and positive")]
+    #[error("{count} of {total} depth values are not finite positive numbers")]
     InvalidDepth { count: usize, total: usize },
     #[error("no valid depth: none of {total} values is finite and positive")]
     NoValidDepth { total: usize },
@@ -122,10 +122,10 @@ fn check_length(
     })
 }
 
-/// Treatment of depth values that are not finite and positive.
+/// Treatment of depth values that are NaN, infinite, zero or negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InvalidDepth {
-    /// Depth that is not finite and positive is an error: predictors never produce it.
+    /// Such values are an error: predictors never produce them.
     Refuse,
     /// For measured depth, which has holes: minimum and pooling use valid pixels only, and blocks
     /// without a valid pixel are omitted.

@@ -36,7 +36,8 @@ impl TrajectoryKind {
     }
 }
 
-/// Maximum shift in x and y, as a fraction of the near depth times the picture's diagonal over the focal length.
+/// Maximum shift in x and y, as a fraction of d · near depth, where d is the picture's diagonal divided by the focal
+/// length.
 const MAX_DISPARITY: f64 = 0.08;
 /// Maximum shift in z, as a fraction of the near depth.
 const MAX_ZOOM: f64 = 0.15;

@@ -13,7 +13,7 @@ use crate::gaussians::Gaussians;
 /// whatever the camera's calibration.
 ///
 /// # Errors
-/// [`CameraError`] if the focal length is not finite and positive, or the image is empty.
+/// [`CameraError`] if the focal length is NaN, infinite, zero or negative, or the image is empty.
 pub fn release_intrinsics(
     focal_px: f64,
     width: u32,

@@ -22,7 +22,7 @@ pub enum Binning {
     Edges(Vec<f64>),
 }
 
-/// Given edges may have at most this magnitude, so that values computed from them stay finite.
+/// Maximum magnitude of given edges, so that values computed from them stay finite.
 const FARTHEST_EDGE: f64 = 1e15;
 
 impl FromStr for Binning {
@@ -110,8 +110,8 @@ impl Binning {
     }
 }
 
-/// Values below an edge by less than this fraction of the bin's width count as on the edge, because
-/// camera centres are rounded.
+/// A value that is below an edge by less than this fraction of the bin's width counts as lying on the edge. Camera
+/// centres are rounded, so distances between them are not exact.
 const ROUNDING: f64 = 1e-9;
 
 /// Maximum number of steps from zero: beyond it, floating point cannot reliably distinguish a

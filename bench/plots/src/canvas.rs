@@ -87,7 +87,7 @@ impl Surface {
         self.0.extend(other.0);
     }
 
-    /// Cuts lines and polygons off at a rectangle, and drops discs and texts whose position is outside.
+    /// Clips lines and polygons to a rectangle, and drops discs and texts whose position is outside it.
     pub(super) fn clip(&mut self, low: Point, high: Point) {
         let is_inside =
             |(x, y): Point| (low.0..=high.0).contains(&x) && (low.1..=high.1).contains(&y);

@@ -1,7 +1,7 @@
 //! The three output files of a drawing: SVG, PNG and PDF.
 //!
-//! plotters draws on whole pixels. Therefore the SVG is drawn at four times its size, which its
-//! view box reverses, and the PNG at twice its size, which also antialiases it. The PDF is exact.
+//! plotters draws on whole pixels. Therefore the SVG is drawn at four times its size, and its view box scales it back.
+//! The PNG is drawn at twice its size and reduced, which also antialiases it. The PDF is exact.
 
 use std::fmt::{Display, Write as _};
 

@@ -40,8 +40,8 @@ impl Ink {
         (0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)) / 255.0
     }
 
-    /// The colour to use on `page` in place of this one, which was chosen for a white page. [`PAPER`] becomes the page's
-    /// colour. On a dark page, texts and lines become lighter than the page by as much as they were darker than white.
+    /// Adapts a colour that was chosen for a white page to `page`. [`PAPER`] becomes the page's colour. On a dark page,
+    /// texts and lines become lighter than the page by as much as they were darker than white.
     pub(super) fn on(self, page: Self) -> Self {
         let is_neutral = [INK, MUTED, GRID, BARS]
             .iter()

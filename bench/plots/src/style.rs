@@ -42,7 +42,7 @@ pub struct FigureStyle {
     pub font_pt: f64,
     /// Resolution of PNG files, dots per inch.
     pub dpi: f64,
-    /// Height of a panel over its width.
+    /// Height of a panel divided by its width.
     pub panel_aspect: f64,
     /// Whether plots have an explanatory line below them.
     pub caption: bool,

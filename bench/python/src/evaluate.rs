@@ -286,8 +286,7 @@ pub(crate) struct Asked {
     keys: String,
 }
 
-/// Evaluates `function`, if given, along with the methods of the configuration. Returns counts with their names, and
-/// warnings.
+/// Evaluates `function`, if given, along with the methods of the configuration. Returns named counts, and the warnings.
 #[pyfunction]
 pub(crate) fn evaluate(
     py: Python<'_>,

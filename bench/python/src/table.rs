@@ -54,7 +54,7 @@ pub(crate) struct Table {
     columns: Vec<(String, Column)>,
 }
 
-/// Number of rows that a notebook shows at each end of a table.
+/// Number of rows that a notebook shows at the start and at the end of a table.
 const SHOWN: usize = 10;
 
 impl Table {

@@ -15,7 +15,7 @@ use sharp_statistics::{ALPHA, Clusters, Inference, NoInference, Resampling, infe
 const PAIR_NOISE: f64 = 0.05;
 /// Standard deviation of the scenes' differences around the true mean, as a fraction of the score.
 const SCENE_NOISE: f64 = 0.02;
-/// Size of a simulated change on every second scene.
+/// Simulated change of every second scene, as a fraction of the score.
 const SHIFT: f64 = 0.02;
 
 /// Distribution of scenes around the true mean, with standard deviation `SCENE_NOISE`.

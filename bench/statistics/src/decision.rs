@@ -28,8 +28,9 @@ pub enum Verdict {
     Inconclusive,
 }
 
-/// The verdict that a mean difference supports. Significance is judged by the corrected p. A significant difference may
-/// still be too small to matter: `practical` is the largest magnitude that does not matter.
+/// The verdict that a mean difference supports. If the corrected p is significant, it is better or worse, even if the
+/// difference is too small to matter. Otherwise, it is none if the whole interval lies within ±`practical`, the largest
+/// difference that does not matter, and inconclusive if not.
 pub fn verdict(
     inference: Option<&Inference>,
     p_corrected: Option<f64>,

@@ -16,7 +16,7 @@ pub const POWER: f64 = 0.8;
 /// A dataset counts as large if it has at least this many effective clusters.
 pub const MANY_CLUSTERS: f64 = 30.0;
 
-/// The method used for the interval and p.
+/// The method by which the interval and p were computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Procedure {
     /// Student's t of the mean over the cluster jackknife's standard error.
@@ -60,8 +60,8 @@ pub enum NoInference {
     #[error("a single cluster shows no spread between clusters")]
     OneCluster,
     #[error(
-        "within each dataset all clusters have the same difference, and the datasets differ in \
-             opposite directions"
+        "all clusters of a dataset have the same difference, and the differences of the datasets have \
+             opposite signs"
     )]
     NoSpread,
 }

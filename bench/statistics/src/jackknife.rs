@@ -12,16 +12,18 @@ use crate::numeric::{integrate, root};
 pub struct Jackknife {
     /// The estimator CV3: (G − 1)/G Σ (mean without cluster g − mean)², for G clusters.
     pub variance: f64,
-    /// Degrees of freedom of the t distribution with which mean / √variance is compared: G − 1 for clusters of equal
-    /// size. For unequal sizes, they are chosen so that Student's t has the critical value of the exact statistic at
-    /// the 5 % level, assuming normal cluster means. The smaller of two results is used: one assumes the same variance
-    /// for all clusters, the other uses the estimated variances of clusters and of their pairs, which are unreliable
-    /// for few clusters.
+    /// Degrees of freedom of the t distribution with which mean / √variance is compared.
+    ///
+    /// G − 1 for clusters of equal size. For unequal sizes, they are chosen so that Student's t has the same critical
+    /// value at the 5 % level as the exact statistic for normal cluster means. That statistic depends on the variances
+    /// of the clusters. It is evaluated twice, once with equal variances and once with estimated ones, which are
+    /// unreliable for few clusters; the smaller result is used.
     pub degrees_of_freedom: f64,
 }
 
 impl Jackknife {
-    /// Requires at least two clusters and finite scores.
+    /// Computes the variance and degrees of freedom of the mean difference of `sample`, which must have at least two
+    /// clusters and only finite scores.
     pub fn new(sample: &Clusters) -> Self {
         let n_clusters = sample.n_clusters() as f64;
         let all = sample.n_pairs() as f64;

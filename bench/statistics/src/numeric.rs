@@ -18,9 +18,9 @@ pub fn sample_std(values: &[f64]) -> Option<f64> {
     Some((squares / (values.len() - 1) as f64).sqrt())
 }
 
-/// ∫ f over a..b by the tanh–sinh rule (Takahasi and Mori, "Double exponential formulas for numerical integration",
-/// 1974): close to full precision for functions that are analytic inside the interval, whatever their behaviour at its
-/// ends. `f` takes the distance from `a`, which is exact even if tiny.
+/// The integral of `f` over 0..`length` by the tanh–sinh rule (Takahasi and Mori, "Double exponential formulas for
+/// numerical integration", 1974). Close to full precision for functions that are analytic inside the interval, whatever
+/// their behaviour at its ends. Arguments close to 0 are exact, however small.
 pub(crate) fn integrate(length: f64, f: impl Fn(f64) -> f64) -> f64 {
     /// Nodes in 0..1 and their weights.
     static NODES: LazyLock<[(f64, f64); 125]> = LazyLock::new(|| {

@@ -30,7 +30,7 @@ impl Resampling {
     /// The indices that resample `k` of `n` clusters draws: `n` draws with replacement.
     pub fn drawn(self, k: u32, n: usize) -> impl Iterator<Item = usize> {
         let mut random = self.stream(2 * u64::from(k));
-        // The high half of a product. The bias towards any cluster is at most n/2⁶⁴.
+        // The high half of the product is an index below n. The bias towards any cluster is at most n/2⁶⁴.
         (0..n).map(move |_| ((u128::from(random.next_u64()) * n as u128) >> 64) as usize)
     }
 

@@ -20,7 +20,7 @@ pub struct Units {
     scale: Option<f64>,
     /// Metres per unit of depth maps; `None` if not set.
     depth_unit: Option<f64>,
-    /// True if depth is made of a model's points; `scale` then multiplies them together with its poses.
+    /// True if depth comes from the points of a model; `scale` then multiplies points and poses alike.
     is_of_points: bool,
     /// True if a setting says which side of masks is kept.
     has_mask_sides: bool,
@@ -227,10 +227,11 @@ pub(super) fn sentence(
     }
 }
 
-/// Returns the setting that brings poses and depth to the same unit, and what to append about an
-/// alternative, if there is one. If depth is implausible as read, the setting is that of depth,
-/// without an alternative. Otherwise it is that of the poses, with that of depth as the alternative
-/// unless depth would become implausible.
+/// Returns the setting that brings poses and depth to the same unit, and text about the alternative to it (empty if
+/// there is none).
+///
+/// If depth is implausible as read, its own unit is changed, and there is no alternative. Otherwise, the unit of the
+/// poses is changed; changing that of depth is the alternative, if depth stays plausible.
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     if units.is_of_points {
         let factor = number(scale);

@@ -14,7 +14,7 @@ use super::small_view::Part;
 pub(super) enum Change {
     /// Factor by which the poses' translations must be multiplied to fit the depth.
     Scale(f64),
-    /// Focal lengths, and the factor by which they must be multiplied.
+    /// Focal lengths are wrong; holds which ones, and the factor by which they must be multiplied.
     Focal(Focal, f64),
     CentreSwapped,
     /// Offset of the principal points to the right and down, in widths of the picture.
@@ -47,12 +47,12 @@ pub(super) enum Change {
     Cameras(String),
     /// The lenses distort; holds their [`Reading::bend`].
     Bent(f64),
-    /// Depth maps fit the pictures if they are moved and scaled.
+    /// Depth maps fit the pictures if they are shifted and scaled in this way.
     Registered(Registration),
     /// Pictures or depth maps are flipped; holds a description of the direction.
     Flipped(Part, &'static str),
-    /// Pictures fit if read by the other rule of EXIF orientation, which also gives the camera's size; holds the
-    /// setting that selects this rule.
+    /// Pictures fit under the other interpretation of their EXIF orientation, i.e. turned instead of as stored, or the
+    /// reverse. Holds the setting that selects it. Under both interpretations, pictures have the camera's size.
     Turned(&'static str),
 }
 

@@ -3,36 +3,38 @@
 
 use super::explained::{ENOUGH, Explained};
 
-/// Another interpretation is better only if it removes at least this fraction of the loss.
+/// Another interpretation counts as better only if it removes at least this fraction of the loss.
 pub(super) const MIN_GAIN: f64 = 0.1;
-/// [`MIN_GAIN`] for changes of a factor, which hardly fit valid data better than a factor of 1.
+/// Replaces [`MIN_GAIN`] for changes by a factor. It can be lower, because in valid data hardly any factor fits better
+/// than 1.
 pub(super) const MIN_GAIN_OF_FACTORS: f64 = 0.05;
-/// [`MIN_GAIN`] for changes to some of the views.
+/// Replaces [`MIN_GAIN`] for changes to some of the views.
 pub(super) const MIN_GAIN_OF_VIEWS: f64 = 0.15;
 /// Another interpretation is judged only if at least this many samples land in other views; with fewer, too little is
 /// visible.
 const MIN_LANDED: usize = 500;
-/// Another interpretation is better only if it is better in at least this fraction of the picture tiles.
+/// Another interpretation counts as better only if it fits better in at least this fraction of the picture tiles.
 const MIN_SHARE: f64 = 0.75;
-/// Another interpretation is better only if the mean improvement over tiles exceeds this many of its standard errors.
+/// Another interpretation counts as better only if the mean improvement over tiles exceeds this many of its standard
+/// errors.
 pub(super) const MIN_ERRORS: f64 = 3.0;
-/// [`MIN_GAIN`] for lens distortion; proper scenes gain 0.003.
+/// Replaces [`MIN_GAIN`] for lens distortion; in valid scenes, the gain is 0.003.
 pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;
-/// [`MIN_ERRORS`] for lens distortion.
+/// Replaces [`MIN_ERRORS`] for lens distortion.
 pub(super) const MIN_ERRORS_OF_LENSES: f64 = 4.0;
 /// An interpretation explains the views well if its mean loss is at most this.
 const MAX_LEFT: f64 = 0.45;
-/// From this mean loss on, views are suspicious, and more interpretations are tried.
+/// Views are suspicious, and more interpretations are tried, if their mean loss is at least this.
 const SUSPICIOUS: f64 = 0.25;
-/// Depth agrees overall if at least this fraction of the depths agree, as in valid data with coarse pixels and slanted
-/// surfaces.
+/// Depth agrees overall if at least this fraction of the depths agree. Valid data reach it even with coarse pixels and
+/// slanted surfaces.
 const MOSTLY_AGREEING: f64 = 0.8;
-/// In valid data with little motion, at least this fraction of the depths agree.
+/// Depths agree as read if at least this fraction of them do, as in valid data with little motion.
 const AGREEING: f64 = 0.9;
-/// If [`AGREEING`] of the depths agree as read, a change is needed only if it increases this fraction by this much, or
-/// because of the colours.
+/// If at least [`AGREEING`] of the depths already agree as read, a change is needed only if it raises that fraction by
+/// at least this much, or if the colours require it ([`NEARER_COLOURS`]).
 const MORE_AGREEING: f64 = 0.03;
-/// A change that shows in colours is needed if it reduces colour differences to this fraction or less.
+/// If colours alone may show that a change is needed, it is needed if it multiplies their differences by this or less.
 const NEARER_COLOURS: f64 = 0.9;
 /// A tile of a picture is judged only if at least this many samples lie in it.
 const ENOUGH_IN_TILE: usize = 8;
@@ -40,7 +42,7 @@ const ENOUGH_IN_TILE: usize = 8;
 /// better.
 const WORSE_COLOURS: f64 = 1.02;
 
-/// Sum over the projections of views into their successors.
+/// Sum over the projections of each view into the next one. Projections in the opposite direction are left out.
 pub(super) fn forward(all: &[Explained]) -> Explained {
     let mut sum = Explained::default();
     all.iter().step_by(2).for_each(|one| sum.add(one));
@@ -84,8 +86,8 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
         && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
 }
 
-/// False if depths agree as read and another interpretation adds hardly any agreement: with little motion or few
-/// pixels, the difference is due to chance. `by_colours` is true if colours alone may show that the change is needed.
+/// False if depths agree as read and another interpretation hardly improves their agreement: with little motion or few
+/// pixels, such a difference is due to chance. `by_colours`: true if colours alone may show that the change is needed.
 pub(super) fn is_needed(as_read: &[Explained], other: &[Explained], by_colours: bool) -> bool {
     let [read, other] = [as_read, other].map(forward);
     let levels = read.colour_levels().zip(other.colour_levels());
@@ -123,7 +125,7 @@ pub(super) fn is_better_by(
             }
         }
     }
-    // Tiles that another interpretation does not change are no evidence either way.
+    // A tile with the same loss under both interpretations is no evidence for either.
     differences.retain(|difference| *difference != 0.0);
     let n = differences.len() as f64;
     let mean = differences.iter().sum::<f64>() / n;

@@ -1,17 +1,17 @@
 //! Consistency of poses, depth and pictures: the depth and the colours of one view, projected into the next by the
-//! poses, must match those of the next. Depth is decisive for distant views, colour for close ones, where depth agrees
-//! under any pose.
+//! poses, must match those of the next. Depth decides if the two views are far apart. If they are close together, depth
+//! agrees under any pose, so colour decides.
 
 use serde::Serialize;
 
 /// Poses and depth are consistent if at least this fraction of the overlapping depths agree in one pair of neighbours.
-/// Occlusion reduces it even for correct poses; in wrongly interpreted real frames, a fifth agree.
+/// Occlusion lowers the fraction even for correct poses; in wrongly interpreted real frames, a fifth agree.
 const MIN_AGREEING: f64 = 0.3;
 
 /// Agreement of neighbouring views under one pose convention.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
-    /// How this convention differs from the reader's own; `as read` for that one.
+    /// How this convention differs from the reader's own; `as read` for the reader's own.
     pub convention: &'static str,
     /// Fraction of depth values that agree within 5 %, 0..1.
     pub depth: f64,
@@ -26,7 +26,7 @@ pub struct Fit {
 pub struct Consistency {
     /// With the poses as interpreted by the reader.
     pub as_read: Fit,
-    /// With other conventions that are commonly confused with the reader's.
+    /// With the poses in other conventions that are commonly confused with the reader's.
     pub otherwise: Vec<Fit>,
     /// Of the depth values that land on a pixel with depth in the other view, the fraction that agree, in the best
     /// pair. `None` if too few values land there (neighbours that see different things, or sparse depth).

@@ -13,20 +13,22 @@ use super::small_view::Sample;
 const MIN_LIMITED: f64 = 0.01;
 /// Depth is judged only if it is known at this many positions or more.
 const ENOUGH_LIMITED: usize = 100;
-/// A depth at the maximum contradicts another view if it differs from the depth there by more than this, relatively.
+/// Two views that both have the maximum depth at a position contradict each other if, according to the poses, the
+/// relative difference of their depths exceeds this.
 const OFF_LIMIT: f64 = 0.002;
-/// [`OFF_LIMIT`] in steps of the depth map at its maximum; the larger of the two counts.
+/// The same threshold in quantisation steps of the depth map at its maximum; the larger of [`OFF_LIMIT`] and this
+/// applies.
 const OFF_STEPS: f64 = 2.0;
 /// A map counts as normalised only if its minimum, at the reduced size, is below this.
 const MIN_NORMALISED: f64 = 0.1;
 /// A map counts as normalised only if its maximum, at the reduced size, is at least this.
 const MAX_NORMALISED: f64 = 0.9;
 
-/// Two single-valued maps contradict each other if their depths differ by more than this, relatively; for other maps,
-/// [`TOLERANCE`] is used.
+/// Two single-valued maps contradict each other if the relative difference of their depths exceeds this. For other
+/// maps, the limit is [`TOLERANCE`].
 const OFF_CONSTANT: f64 = 0.01;
 
-/// Number of positions at which both of two views have depth, and of those where it differs.
+/// Number of positions at which both of two views have depth, and the number of these at which it differs.
 #[derive(Default)]
 struct Met {
     all: usize,

@@ -47,8 +47,8 @@ impl DepthIs {
 /// Placement of a depth map relative to its picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Registration {
-    /// Offset of the picture's centre from the depth map's own centre, as seen in the depth map, to
-    /// the right and down, in widths of the picture.
+    /// Offset, within the depth map, from the map's own centre to the picture's centre: to the right and down, in
+    /// widths of the picture.
     pub(super) off: DVec2,
     /// Magnification of the depth map relative to the picture.
     pub(super) zoom: f64,
@@ -128,7 +128,7 @@ impl Reading {
         DVec3::new(point.x * by, point.y * by, point.z)
     }
 
-    /// The ray, at z = 1, that the lens shows in a given direction.
+    /// The true ray, at z = 1, that the lens shows in the direction `seen`; the inverse of [`Self::bent`].
     pub(super) fn straight(&self, seen: DVec3) -> DVec3 {
         if self.bend == 0.0 {
             return seen;
@@ -146,7 +146,7 @@ const DEPTH_SCALE: f64 = 0.1;
 pub(super) const COLOUR_SCALE: f64 = 32.0;
 /// Agreement of depths is measured only if at least this fraction of the samples land on a pixel with depth.
 pub(super) const ENOUGH: f64 = 0.05;
-/// An exposure is measured only from at least this many colours.
+/// An exposure is measured only if at least this many colours were compared.
 const MIN_COMPARED: usize = 200;
 /// Depths agree if their relative difference is at most this.
 pub(super) const TOLERANCE: f64 = 0.05;
@@ -264,8 +264,9 @@ impl Explained {
         explained
     }
 
-    /// Adds the depths of samples that land in `b`, whose camera and factor of depth are given as read. Moves the samples
-    /// whose loss may still grow by their colour to the front, and returns their number.
+    /// Adds the depth losses of samples that land in `b`, and moves the samples whose loss is not yet at its maximum to
+    /// the front of `landings`: only these need a comparison of colours. Returns their number. The second argument has
+    /// the view with its camera and its factor of depth under the reading.
     fn compare_depths(
         &mut self,
         landings: &mut [Landing],
@@ -351,7 +352,7 @@ impl Explained {
     }
 
     /// The factor from this view's levels to the other's that fits best, and the root mean square difference of colours
-    /// after it, in levels; `None` if hardly any were compared.
+    /// once it is applied, in levels; `None` if too few colours were compared.
     pub(super) fn exposure(&self) -> Option<(f64, f64)> {
         let [own, other] = self.levels;
         let mixed = (own + other - self.squares) / 2.0;

@@ -19,15 +19,15 @@ use super::small_view::{FLIPS, Part, SmallView, WIDEST};
 
 /// Number of steps in each direction in the search for the principal point.
 const CENTRES: i32 = 10;
-/// Ratio between consecutive factors in the search for the principal point. That search tries factors, too: its offset,
-/// in widths of the picture, is a tenth of a factor's logarithm.
+/// Ratio between consecutive factors in the search for the principal point, which reuses the search for factors: a
+/// factor f stands for an offset of ln(f) / 10 widths of the picture.
 const CENTRE_STEP: f64 = 1.12;
-/// Number of searches per axis; a search continues where the one before ended, if that was at the end of its range.
+/// Maximum number of searches per axis. If a search ends at the end of its range, another one starts there.
 const CENTRE_SEARCHES: usize = 3;
 /// Smaller offsets of a principal point are not reported, in widths.
 const MIN_OFF: f64 = 0.004;
 
-/// Colour differences count as explained up to this fraction of those between unrelated places.
+/// Colour differences count as explained if they are at most this fraction of those between unrelated places.
 const MAX_EXPLAINED_COLOURS: f64 = 0.8;
 /// Colour differences above [`MAX_EXPLAINED_COLOURS`] count as explained only if they are at most this fraction of
 /// those as read.
@@ -43,12 +43,13 @@ const MAX_LEFT_BY_LARGE_FACTOR: f64 = 0.6;
 
 /// Samples per view in the coarse part of a search for a factor.
 const COARSE_SAMPLES: usize = 600;
-/// Samples per view in the fine part of a quick check, and of a thorough one, whose factors are more exact.
+/// Samples per view in the fine part of a search for a factor, for a quick check.
 const FINE_SAMPLES: usize = 800;
+/// Like [`FINE_SAMPLES`], for a thorough check, whose factors are more exact.
 const THOROUGH_SAMPLES: usize = 3000;
 
 impl Neighbours<'_> {
-    /// The interpretation that explains the views best; `None` unless it is significantly better than the dataset
+    /// The interpretation that explains the views best; `None` if it is not significantly better than the dataset
     /// reader's own.
     pub(super) fn better(&self, units: Units) -> Option<Better> {
         let as_read = self.explained(&Reading::AS_READ, self.stride);
@@ -210,8 +211,8 @@ impl Neighbours<'_> {
         }
     }
 
-    /// False if another interpretation hardly reduces the colour differences and the pictures still look unrelated: it
-    /// is not the cause, or not the only one.
+    /// False if another interpretation hardly reduces the colour differences and the pictures still look unrelated.
+    /// Then it does not correct the error, or not the only error.
     fn mends(&self, change: &Change, as_read: &[Explained], other: &[Explained]) -> bool {
         let (before, after) = (self.unexplained(as_read), self.unexplained(other));
         match change {

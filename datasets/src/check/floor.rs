@@ -7,7 +7,7 @@ use super::neighbours::Neighbours;
 use super::small_view::WIDEST;
 
 /// Depth contradicts a pair of views if the median distance of matches from their predicted places is at least this, in
-/// reduced pixels, and [`MAX_CLOSE`] holds, too. Consistent scenes have medians below 1.
+/// reduced pixels, and few matches are close to these places ([`MAX_CLOSE`]). Consistent scenes have medians below 1.
 const MIN_MISS: f64 = 2.5;
 /// In such a pair, at most this fraction of the matches are within [`CLOSE`] of their predicted places. Consistent
 /// scenes have fractions above 0.8.
@@ -54,7 +54,7 @@ impl Residual {
         self.on_lines as f64 >= MIN_ON_LINES * self.matches as f64
     }
 
-    /// Median distance of matches from their predicted places; `None` unless it is too large.
+    /// Median distance of matches from their predicted places; `None` if it is acceptable.
     fn misses_by(&self) -> Option<f64> {
         let n = self.misses.len();
         let median = *self.misses.get(n / 2).filter(|_| n >= MIN_MATCHES)?;

@@ -4,8 +4,10 @@
 //! * `convention`: common mistakes in poses.
 //! * [`consistency`][]: agreement of depth and colours projected from view to view.
 //! * `small_view`, `neighbours`, `explained`, `change`, `fit`: alternative interpretations of poses, cameras and depth,
-//!   fitted to reduced views; `one_view`, `some_views`: those that affect some views only; `stereo`: those of a
-//!   rectified pair; `block_match`: their disparities; `features`: those of poses without depth.
+//!   fitted to reduced views.
+//! * `one_view`, `some_views`: interpretations that affect some views only.
+//! * `stereo`, `block_match`: interpretations of a rectified pair and its disparities.
+//! * `features`: interpretations of poses without depth.
 //! * `orders`: other assignments of pictures to poses; `search`: search for the best-fitting factor.
 //! * `registered`, `z_buffer`, `overflow`: depth of another camera, of a renderer's z-buffer, or beyond 16 bits.
 //! * `calibration`: calibrations of another scene; `plausible`: implausible values.
@@ -185,7 +187,7 @@ pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
     match scene.pairing {
         Pairing::Stereo { source, target } => BTreeSet::from([source, target]),
         _ => orders::neighbours(scene.views.len(), QUICK)
-            // Includes the views around them.
+            // Includes the view before each pair and the one after it.
             .flat_map(|i| i.saturating_sub(1)..(i + 3).min(scene.views.len()))
             .collect(),
     }
@@ -201,7 +203,8 @@ pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
 struct Look {
     contradictions: Vec<String>,
     consistency: Option<Consistency>,
-    /// Agreement of poses with matching features, if there is no depth; else other exposures.
+    /// A note for the report: without depth, how well the poses agree with matching features; with depth, that views
+    /// differ in exposure.
     note: Option<String>,
 }
 
@@ -226,7 +229,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let is_known = overflowed.is_some() || plausible::are_of_other_size(&scene.views);
     contradictions.extend(overflowed);
     contradictions.extend(match (&scene.pairing, &neighbours) {
-        // With one of these, other causes cannot be distinguished.
+        // Either of these errors also makes other tests fail, so these would prove nothing.
         _ if is_known => None,
         (Pairing::Stereo { .. }, _) => {
             let (contradiction, said) = stereo::contradictions(&scene.views, effort);
@@ -240,7 +243,8 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             if effort.thorough {
                 note = neighbours.exposures();
             }
-            // Compares features, in case no interpretation assigns the pictures to their poses.
+            // If no interpretation of depth explains the views, features may still show which pictures belong to which
+            // poses.
             contradiction.or_else(|| {
                 let is_suspicious = effort.thorough || neighbours.is_poorly_explained();
                 let matches = is_suspicious.then(|| Matches::new(&scene.views, effort))?;

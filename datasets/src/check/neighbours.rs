@@ -14,7 +14,7 @@ use super::orders::neighbours;
 use super::small_view::{Sample, SmallView, WIDEST};
 use crate::View;
 
-/// Maximum number of views of a scene for which a thorough check reads all of them.
+/// A thorough check reads all views of a scene if there are at most this many.
 pub(super) const MAX_ALL: usize = 12;
 
 /// Identical pictures are an error if the content moves by at least this between the two views, in reduced pixels.
@@ -152,7 +152,7 @@ impl<'a> Neighbours<'a> {
         Explained::new((from, samples), to, (pose_a, pose_b), reading, stride)
     }
 
-    /// Evaluates the projections with other pictures or depth for the views.
+    /// Evaluates the projections with each view replaced by `other(index, view)`, or unchanged where that is `None`.
     pub(super) fn with(
         &self,
         other: &mut dyn FnMut(usize, &SmallView) -> Option<SmallView>,
@@ -195,9 +195,9 @@ impl<'a> Neighbours<'a> {
             })
     }
 
-    /// Projects a place in view `i` into the next view, by depth and poses, and returns its distance from the place
-    /// `to` there, in reduced pixels. `None` if the first place has no depth. Each camera is the one in which its place
-    /// was measured.
+    /// Projects the place `from` in view `i` into the next view, by depth and poses, and returns its distance from the
+    /// place `to` there, in reduced pixels. `None` if the first place has no depth. Each place is given in pixels of
+    /// the camera next to it, whose size may differ from that of the reduced view.
     pub(super) fn miss(
         &self,
         (i, camera, from): (usize, &Intrinsics, DVec2),
@@ -239,7 +239,7 @@ impl<'a> Neighbours<'a> {
         ))
     }
 
-    /// Mean fraction of pixels that masks exclude; `None` unless it is over half.
+    /// Mean fraction of pixels that masks exclude; `None` if it is at most half.
     pub(super) fn excluded(&self) -> Option<f64> {
         let is_masked = |i: &usize| self.views[*i].content.processing().masked;
         let masked = self.small.iter().filter(|(i, _)| is_masked(i));

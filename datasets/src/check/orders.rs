@@ -38,8 +38,8 @@ pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = u
 }
 
 /// Assignments that result from common mistakes, with descriptions: shifts starting at one of `starts`, reverse order,
-/// lexicographic instead of numeric order, and the `swapped` pairs. `noun` names what is assigned to the pictures.
-/// Each has the minimum number of pairs of neighbours that it must explain better.
+/// lexicographic instead of numeric order, and the `swapped` pairs. `noun` names what is assigned to the pictures. Each
+/// comes with the minimum number of neighbouring pairs that it must explain better to be reported.
 pub(super) fn orders(
     views: &[View],
     starts: &BTreeSet<usize>,
@@ -101,7 +101,7 @@ pub(super) fn orders(
     orders
 }
 
-/// Assignments of the kept pictures to all poses if only every second or third picture was kept, like [`orders`].
+/// Like [`orders`], for the mistake of keeping only every second or third picture, but all poses.
 pub(super) fn thinned(views: &[View], noun: &str) -> Vec<(String, Assignment, usize)> {
     let strides = [(2, "second"), (3, "third")].into_iter();
     let strides = strides.filter(|(stride, _)| views.len() >= MIN_VIEWS.max(2 * stride));
@@ -147,7 +147,7 @@ impl Neighbours<'_> {
             }
             for (text, of, _) in thinned(self.views, moves.noun()) {
                 let explained = self.in_order(as_read, &*of, moves);
-                // Pictures beyond the last pose are left out; they must not fit their own poses.
+                // A picture beyond the last pose cannot be evaluated. If it fits its own pose, this order is wrong.
                 let fits = |(one, read): (&Option<Explained>, &Explained)| {
                     one.is_none() && !is_suspicious(&[*read])
                 };
@@ -160,7 +160,8 @@ impl Neighbours<'_> {
         measured
     }
 
-    /// Depth may belong to the frame or to the picture; a scan's depth belongs to the pose.
+    /// The combinations of parts that may have been reassigned. Depth from maps may go with the picture or with the
+    /// pose; depth from a scan always goes with the pose.
     fn moves(&self) -> &'static [Moves] {
         match self.depth_by_pose {
             true => &[Moves::PosesAndDepth],
@@ -238,7 +239,7 @@ impl Neighbours<'_> {
         found.collect()
     }
 
-    /// View `i` with the parts `moves` of view `from`.
+    /// View `i`, with the parts that `moves` selects replaced by those of view `from`.
     fn shown_view(&self, i: usize, from: usize, moves: Moves) -> Option<Cow<'_, SmallView>> {
         let (view, _) = &self.small[&i];
         if moves == Moves::Poses || from == i {
@@ -279,7 +280,7 @@ impl Neighbours<'_> {
                 return Some(*read);
             }
             let poses = (pose(*a)?, pose(*b)?);
-            // A position with a single depth always agrees with itself.
+            // Two views that get the parts of one and the same view agree in any case.
             if from.0 == from.1 {
                 return None;
             }

@@ -10,11 +10,12 @@ use crate::View;
 
 /// Plausible focal lengths, in widths of the picture.
 const FOCAL_WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
-/// A principal point is implausible farther than this from the centre, in widths and heights of the picture. A centred
-/// point that was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
+/// A principal point is implausible if it is farther than this from the centre, in widths and heights of the picture. A
+/// centred point that was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
-/// A principal point counts as centred up to this distance from the centre, in widths and heights of the picture.
+/// A principal point counts as centred if it is within this distance of the centre, in widths and heights of the
+/// picture.
 const MIDDLE: f64 = 0.03;
 
 /// Detects principal points that are centred only if x and y are swapped, in all views. One crop may have such a
@@ -31,8 +32,8 @@ fn swapped_centres(views: &[View]) -> Option<String> {
         .filter(|_| views.iter().all(is_swapped))?
         .intrinsics;
     Some(format!(
-        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were swapped; swap them, or use the \
-         calibration for these pictures if it is for pictures turned by 90 degrees",
+        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were swapped; swap them, or, if this \
+         calibration is for pictures turned by 90 degrees, use the one for these pictures",
         number(k.cx),
         number(k.cy),
         k.width,
@@ -56,8 +57,8 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
     })
 }
 
-/// Size of the pictures for which a camera seems to be calibrated, relative to its own; `None` unless its principal
-/// point is far off the centre by the same factor in both directions.
+/// The size of the pictures for which a camera seems to be calibrated, as a factor of its own size; `None` if it fits
+/// its own. Another size is assumed if the principal point is far off the centre by the same factor in both directions.
 fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;
@@ -146,7 +147,7 @@ pub(super) fn have_one_rotation(views: &[View]) -> bool {
     views.len() >= 3 && views.iter().all(is_first)
 }
 
-/// Steps to which positions are rounded, in the poses' unit.
+/// Candidates for the step to which positions may have been rounded, in the poses' unit.
 const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 /// A coordinate counts as a multiple of a step if it is off by less than this fraction of the step.
 const OFF_STEP: f64 = 1e-3;
@@ -156,7 +157,7 @@ const MIN_COORDINATES: usize = 3;
 /// one matters little.
 const MIN_STEP: f64 = 0.02;
 
-/// An addition to the report of a contradiction without a known cause, if poses seem to have been rounded.
+/// Text to append to a contradiction without a known cause if the poses seem to have been rounded.
 pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
     let pose = |view: &View| view.camera_from_world;
     let mut steps: Vec<f64> = views

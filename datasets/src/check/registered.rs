@@ -8,12 +8,13 @@ use super::explained::{Explained, Reading, Registration};
 use super::neighbours::Neighbours;
 use super::search::is_reportable;
 
-/// Offset that is tried first, in widths of the picture. If neither this offset nor [`PROBED_ZOOM`] fits better, the
-/// depth maps are aligned with the photographs, and no search follows.
+/// Offset that is tried first, in widths of the picture. If neither this offset nor [`PROBED_ZOOM`] fits better than
+/// the depth maps as read, these count as aligned with the photographs, and no search follows.
 const PROBE: f64 = 0.02;
 /// Magnification that is tried first.
 const PROBED_ZOOM: f64 = 1.1;
-/// Number of steps in the search for the offset, then the ratio between them, as for principal points.
+/// Number of steps in the search for the offset, then the ratio between consecutive factors. An offset is a tenth of
+/// the logarithm of its factor, in widths.
 const OFFSETS: (i32, f64) = (10, 1.12);
 /// Number of steps in the search for the magnification, then the ratio between them.
 const ZOOMS: (i32, f64) = (12, 1.035);
@@ -23,8 +24,8 @@ const MIN_OFF: f64 = 0.008;
 const MAX_OFF: f64 = 0.12;
 /// Maximum magnification, and maximum reduction, of a depth map.
 const MAX_ZOOM: f64 = 1.6;
-/// A registration is accepted only if colour differences fall to this share of those as read. Only colours show that
-/// depth belongs elsewhere.
+/// A registration is accepted only if colour differences fall to at most this fraction of those as read. Only colours
+/// show that depth belongs elsewhere.
 const MAX_LEFT: f64 = 0.9;
 /// A registration is accepted only if the remaining colour differences are at most this fraction of those between
 /// unrelated places.
@@ -52,7 +53,8 @@ fn zoomed(by: Registration, factor: f64) -> Registration {
 }
 
 impl Neighbours<'_> {
-    /// The shift and magnification with which depth maps fit the pictures best; `None` unless better than without.
+    /// The shift and magnification with which depth maps fit the pictures best; `None` if the maps fit no better than
+    /// as read.
     pub(super) fn registered(&self, as_read: &[Explained]) -> Option<(Change, Vec<Explained>)> {
         if self.depth_by_pose {
             return None;

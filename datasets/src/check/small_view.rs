@@ -1,5 +1,5 @@
-//! Views reduced so far that interpretations can be compared cheaply, and that an error of many pixels of the
-//! photograph becomes one of few.
+//! Views at a reduced size. Interpretations can be compared cheaply, and an error of many pixels of the photograph
+//! becomes one of a few pixels.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use sharp::camera::Intrinsics;
 
 use crate::View;
 
-/// Maximum width of the reduced views.
+/// Maximum width of the reduced views, in pixels.
 pub(super) const WIDEST: u32 = 256;
 
 /// Distance, in reduced pixels, at which colours count as unrelated.
@@ -252,7 +252,7 @@ impl SmallView {
         })
     }
 
-    /// Depth as read at the pixel of a position, with the centre of that pixel; `None` if there is none.
+    /// Depth as read of the pixel that contains `place`, and the pixel's centre. `None` if that pixel has no depth.
     pub(super) fn depth_at(&self, place: DVec2) -> Option<(f64, DVec2)> {
         let (x, y) = (place.x as u32, place.y as u32);
         let z = *self.depth.get(self.index(x, y))?;

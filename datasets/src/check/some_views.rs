@@ -31,8 +31,8 @@ const QUANTITIES: [Quantity; 3] = [
     }),
 ];
 
-/// A factor of some views is equivalent to its inverse in all others. The others are named as an alternative if
-/// correcting them leaves at most this multiple of the least loss.
+/// Applying a factor to some views is equivalent to applying its inverse to all others. A message also names the others
+/// as an alternative if correcting them leaves at most this multiple of the least loss.
 const MAX_LOSS_OF_ALTERNATIVE: f64 = 1.1;
 /// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;

@@ -19,10 +19,10 @@ use crate::View;
 const BASELINES_M: RangeInclusive<f64> = 1e-3..=10.0;
 /// Number of horizontal bands of a picture; each has [`TILES`] tiles whose losses are compared separately.
 const BANDS: u32 = 4;
-/// Row offsets that are tested in both directions, in pixels of the reduced size; less than one pixel of the photograph
-/// is ignored.
+/// Row offsets that are tested in both directions, in pixels of the reduced size. Offsets of less than one pixel of the
+/// photograph are ignored.
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
-/// Maximum offset of disparities that is tested in both directions, in pixels of the reduced size.
+/// Disparities are tested with offsets of up to this value in both directions, in pixels of the reduced size.
 const OFFSETS: i32 = 40;
 /// Smaller offsets of disparities are not reported, in pixels of the photograph.
 const MIN_OFFSET: f64 = 2.0;
@@ -222,7 +222,7 @@ impl Pair {
         bands
     }
 
-    /// [`block_match::mismatch`] of the disparities that `disparity` computes from those as read.
+    /// Compares blocks with [`block_match::mismatch`], at the disparities that `disparity` computes from those as read.
     fn mismatch(&self, disparity: &dyn Fn(f64) -> f64) -> Option<String> {
         let [left, right] = [&self.left, &self.right].map(|view| view.clone().grey());
         let samples = self.samples.iter().map(|sample| Sample {

@@ -14,7 +14,7 @@ const DOUBLED: u32 = 9;
 const SCALE: f64 = 30.0;
 /// Number of steps in the search for the factor of the translations, then the ratio between them.
 const SCALES: (i32, f64) = (15, 1.2589);
-/// Number of steps and the ratio between them, in a refinement of the excess and then in one of the factor.
+/// For a refinement of the excess, then for one of the factor: number of steps, and ratio between them.
 const REFINED: [(i32, f64); 2] = [(4, 1.15), (4, 1.1)];
 /// Number of refinements of both values.
 const REFINEMENTS: usize = 3;

@@ -98,7 +98,7 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     })
 }
 
-/// `[a b c; d e f; g h i]`, row by row.
+/// Parses a 3×3 matrix, written `[a b c; d e f; g h i]`, to its entries row by row.
 fn matrix(key: &str, text: &str) -> Result<[f64; 9], FormatError> {
     let inner = text
         .strip_prefix('[')

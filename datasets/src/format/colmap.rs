@@ -31,7 +31,8 @@ impl Model {
         &self.files[1]
     }
 
-    /// Lens of an image's camera. The inner error affects only the camera's pictures.
+    /// Lens of an image's camera. The inner error says why the camera cannot be used; it affects only the camera's
+    /// pictures.
     ///
     /// # Errors
     /// If the image's camera does not exist; names the file.
@@ -66,7 +67,7 @@ fn has_model(folder: &Path, extension: &str) -> bool {
     names.all(|name| folder.join(format!("{name}.{extension}")).is_file())
 }
 
-/// The kind of files to read, `bin` or `txt`: binary if both kinds are complete (as in COLMAP), or neither is.
+/// The kind of files to read, `bin` or `txt`. If both kinds are complete, or neither is, it is `bin`, as in COLMAP.
 fn kind(folder: &Path) -> &'static str {
     let only_text = has_model(folder, "txt") && !has_model(folder, "bin");
     if only_text { "txt" } else { "bin" }

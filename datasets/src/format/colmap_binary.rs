@@ -11,9 +11,9 @@ use crate::lens::COLMAP_MODELS;
 /// Maximum number of parameters tried for an unknown camera model; COLMAP's own have at most 16.
 const MAX_PARAMS: usize = 32;
 
-/// Parses `cameras.bin`. Its records do not state their length. Cameras of an unknown model, named
-/// by its number, are accepted if there is only one such model and exactly one number of parameters
-/// makes the last record end with the file.
+/// Parses `cameras.bin`. Its records do not state their length, so that of an unknown camera model must be guessed: it
+/// is accepted if it is the only unknown one, and if exactly one number of parameters makes the last record end with
+/// the file. Such a model is named by its number.
 ///
 /// # Errors
 /// If the file is truncated, states more records than its bytes can contain, or has camera models of unknown length.
@@ -35,8 +35,8 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError>
     }
 }
 
-/// Reads cameras. `params_of` returns the number of parameters of a model that is not built in, if
-/// known; the records must then fill the file.
+/// Reads cameras. For a model that is not built in, `params_of` returns an assumed number of parameters, if any. With
+/// such an assumption, the records must fill the file exactly.
 fn cameras_with(
     bytes: &[u8],
     params_of: &mut dyn FnMut(i32) -> Option<usize>,
@@ -74,7 +74,7 @@ fn cameras_with(
         cameras.insert(id, camera);
     }
     if is_guessed && (!reader.rest.is_empty() || cameras.len() < count) {
-        return Err("the records do not end where the file does".into());
+        return Err("the last record does not end at the end of the file".into());
     }
     Ok(cameras)
 }

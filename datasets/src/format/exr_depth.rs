@@ -70,7 +70,7 @@ pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
         // Deflate is the strongest of EXR's compressions.
         if samples / 1032 > bytes.len() || all as u64 / 4 > Intrinsics::MAX_PIXELS {
             return Err(invalid!(
-                "the header declares {width}x{height} pixels, too many for {} bytes or for any map",
+                "the header declares {width}x{height} pixels, too many for a file of {} bytes or for any map",
                 bytes.len()
             ));
         }

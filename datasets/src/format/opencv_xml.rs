@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::FormatError;
 
-/// Top level of a storage: values, keyed by the name of their element.
+/// Top level of an OpenCV `FileStorage`: values, keyed by the name of their element.
 pub type FileStorage = BTreeMap<String, Node>;
 
 /// A value in a storage.
@@ -21,7 +21,7 @@ pub enum Node {
     Text(String),
 }
 
-/// Parses a storage.
+/// Parses the XML that OpenCV's `FileStorage` writes.
 ///
 /// # Errors
 /// If the XML is malformed or has a document type (which no camera file needs), or the entries of a matrix do not match

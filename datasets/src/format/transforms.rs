@@ -254,7 +254,7 @@ impl JsonFrame {
             _ if fisheye => "OPENCV_FISHEYE",
             _ => "OPENCV",
         };
-        // Like nerfstudio, uses coefficients with these model names, if present.
+        // Like nerfstudio, uses distortion coefficients, if present, even if the model's name excludes distortion.
         let model = match model {
             "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE" => "OPENCV",
             other => other,

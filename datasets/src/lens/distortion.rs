@@ -184,7 +184,7 @@ impl Distortion {
     }
 }
 
-/// `(2 p1 uv + p2 (r² + 2u²), 2 p2 uv + p1 (r² + 2v²))`.
+/// Tangential distortion, to be added: `(2 p1 uv + p2 (r² + 2u²), 2 p2 uv + p1 (r² + 2v²))`.
 fn tangential(uv: DVec2, p: [f64; 2]) -> DVec2 {
     let r2 = uv.length_squared();
     DVec2::new(

@@ -63,9 +63,8 @@ impl DslrPhotographs {
             }
             let fisheye = if depth_in_fisheye {
                 if !fisheye_json.is_file() {
-                    let remedy = "dslr/render_depth was rendered with its cameras, so either add it (it \
-                                  is in the download's nerfstudio/) or set depth=mesh, points or \
-                                  none";
+                    let remedy = "dslr/render_depth was rendered with its cameras; add this file from the download's \
+                                  nerfstudio/, or set depth=mesh, depth=points or depth=none";
                     return Err(missing(&fisheye_json, remedy));
                 }
                 let parsed = files::parse_text(&fisheye_json, transforms::parse)?;
@@ -84,9 +83,9 @@ impl DslrPhotographs {
             })
         } else {
             if !fisheye_json.is_file() {
-                let remedy = "it contains the cameras of the fisheye pictures, so add either it (it is in the \
-                              download's nerfstudio/) or the toolbox's undistorted pictures with \
-                              nerfstudio/transforms_undistorted.json, which do not need it";
+                let remedy = "it contains the cameras of the fisheye pictures; add it from the download's nerfstudio/, \
+                              or add the toolbox's undistorted pictures with nerfstudio/transforms_undistorted.json, \
+                              which do not need it";
                 return Err(missing(&fisheye_json, remedy));
             }
             Ok(Self {
@@ -115,7 +114,10 @@ impl DslrPhotographs {
             return Ok(ViewDepth::Map(map, millimetres));
         }
         let lacks = |what: &str| {
-            DatasetError::malformed(&map, format!("nerfstudio/transforms.json lacks {what}"))
+            DatasetError::malformed(
+                &map,
+                format!("nerfstudio/transforms.json does not contain {what}"),
+            )
         };
         let frame = self
             .fisheye

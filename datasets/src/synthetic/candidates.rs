@@ -5,8 +5,8 @@ use glam::DVec3;
 
 use super::shapes::SurfaceShape;
 
-/// A shape that misses a bundle by less than this, in metres, still counts as touching it: far more
-/// than rounding.
+/// A shape that misses a bundle by less than this, in metres, still counts as touching it. Rounding errors are far
+/// smaller.
 const SLACK_M: f64 = 1e-7;
 /// Number of cells along each side of the sun's grid.
 const SUN_CELLS: usize = 40;
@@ -59,7 +59,7 @@ pub(super) struct SunGrid {
 }
 
 impl SunGrid {
-    /// Builds the grid for the given shapes, which cast shadows and are identified by their index.
+    /// Builds the grid from the shapes that cast shadows, each with its index.
     pub(super) fn new<'a>(
         to_sun: DVec3,
         shapes: impl Iterator<Item = (u32, &'a SurfaceShape)> + Clone,
@@ -123,7 +123,7 @@ pub(super) struct LampCube {
 }
 
 impl LampCube {
-    /// Builds the cube for the given shapes, which cast shadows and are identified by their index.
+    /// Builds the cube from the shapes that cast shadows, each with its index.
     pub(super) fn new<'a>(
         lamp: DVec3,
         shapes: impl Iterator<Item = (u32, &'a SurfaceShape)> + Clone,

@@ -154,9 +154,9 @@ impl Objects {
         self.add(random, 0.08, shape);
     }
 
-    /// Adds posts of 3 centimetres, a metre away and taller than the picture; each new post is
-    /// placed between earlier ones. Seen from a camera 10 cm to the side, posts hide other parts of
-    /// the background, so each post uncovers the same additional area.
+    /// Adds posts of 3 centimetres, a metre away and taller than the picture; each new post is placed between earlier
+    /// ones. From a camera 10 cm to the side, a post hides another part of the background than from the first camera.
+    /// Thus, every post adds the same area that only the second camera sees.
     fn add_posts(&mut self, random: &mut SplitMix64, posts: usize) {
         for i in 0..posts {
             // Halves, quarters, eighths of the picture's width (van der Corput sequence).

@@ -209,7 +209,7 @@ impl Light {
         }
     }
 
-    /// Puts the sun, if any, into the sky. Outdoors, ambient light becomes that of this sky and of the ground.
+    /// Draws the sun, if any, into the sky. Outdoors, also computes the ambient light from this sky and the ground.
     pub(super) fn lit_by_sky(self) -> Self {
         const GROUND: DVec3 = DVec3::new(0.24, 0.22, 0.18);
         let sky = |ground| Sky::Sunlit {

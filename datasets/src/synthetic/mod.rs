@@ -131,7 +131,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
 /// them use unseen scenes.
 pub const TRAINING_SEEDS: RangeInclusive<u64> = 1_000..=899_999;
 
-/// What a seed randomises.
+/// Kind of world, which determines what a seed randomises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum WorldKind {
     /// Positions and colours of the objects in a fixed layout.

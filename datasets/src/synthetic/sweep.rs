@@ -57,7 +57,7 @@ impl SweepKind {
                     )));
                 }
             },
-            _ if given.is_some() => return Err(wrong("there is no sweep")),
+            _ if given.is_some() => return Err(wrong("only sweeps have steps")),
             _ => return Ok(None),
         }))
     }

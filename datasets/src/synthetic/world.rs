@@ -48,7 +48,7 @@ impl Object {
         &self.shape
     }
 
-    /// Intersection with a ray. The bounding sphere only skips shapes that cannot be hit.
+    /// Intersection with a ray. The bounding sphere is only used to skip shapes that cannot be hit.
     fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Meeting> {
         let (center, square_radius) = self.bounds;
         let to_center = center - origin;
@@ -114,7 +114,7 @@ impl Sight {
 
 /// Objects that the rays of a bundle can hit, nearest first.
 pub(super) struct Candidates {
-    /// A lower bound on the depth of the object's points, and the object's index.
+    /// A lower bound on the depth of an object's points, and the object's index; ascending.
     sorted: Vec<(f64, usize)>,
 }
 
@@ -224,7 +224,7 @@ impl World {
         Candidates { sorted }
     }
 
-    /// Intersection of a ray of the bundle that belongs to `candidates`.
+    /// What a ray of the bundle that belongs to `candidates` hits.
     pub(super) fn sight(&self, candidates: &Candidates, origin: DVec3, direction: DVec3) -> Sight {
         let hit = self.first_hit_among(candidates, origin, direction);
         Sight {

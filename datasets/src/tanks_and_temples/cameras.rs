@@ -48,9 +48,9 @@ impl SceneCameras {
                 return Err(DatasetError::malformed(
                     file,
                     format!(
-                        "has {} cameras, but must have a single one for the whole scene, or images.bin or images.txt \
-                         next to it, which assigns them to pictures; COLMAP creates a single camera with \
-                         --ImageReader.single_camera 1, and intrinsics=0.7w needs no model",
+                        "has {} cameras; it must have a single camera for the whole scene (COLMAP's \
+                         --ImageReader.single_camera 1), or several with images.bin or images.txt next to it, which \
+                         assigns them to pictures; intrinsics=0.7w needs no model",
                         cameras.len()
                     ),
                 ));

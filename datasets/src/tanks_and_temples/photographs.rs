@@ -97,10 +97,9 @@ impl ScenePhotographs {
 
     /// Assigns the pictures to the blocks of the log, and lists those without a block.
     ///
-    /// If any name is a number, block i belongs to the picture numbered i + 1, or to the one
-    /// numbered i if the pictures' numbers start with 0 and end with the last block; pictures
-    /// without a number have no block. If no name is a number, there must be as many pictures as
-    /// blocks, and they are matched by order.
+    /// If any name is a number, pictures are matched by number: block i belongs to the picture numbered i + 1, or to
+    /// the one numbered i if the pictures' numbers start with 0 and end with the last block. Pictures without a number
+    /// have no block. If no name is a number, there must be as many pictures as blocks, and they are matched by order.
     ///
     /// # Errors
     /// If pictures cannot be matched with poses; the error says why.

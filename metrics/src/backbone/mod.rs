@@ -6,7 +6,7 @@
 //! * [`network`]: a network with its weights.
 //! * [`rows`]: rows of a feature map buffered for the next layer.
 //! * [`stream`]: runs pictures through a network strip by strip, in lockstep.
-//! * `tensors`: the same with candle's tensors (feature `tensors`).
+//! * `tensors`: the networks on candle's tensors, on a GPU or the CPU (feature `tensors`).
 
 pub(crate) mod architecture;
 mod extractor;

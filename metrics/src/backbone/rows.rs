@@ -83,7 +83,7 @@ impl Buffer {
         &self.fresh[..self.fresh_len]
     }
 
-    /// Keeps the rows from `row` on, drops those above, and returns the block.
+    /// Keeps the rows from `row` on, drops those above, and gives the block of new rows back to `blocks`.
     pub(crate) fn keep_from(&mut self, row: usize, blocks: &mut Blocks) {
         let row = row.clamp(self.first, self.end());
         let gone = (row - self.first) * self.size.row_len();

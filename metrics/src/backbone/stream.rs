@@ -23,7 +23,8 @@ pub(crate) struct Taps<'a> {
     pub(crate) rows: &'a [&'a [f32]],
 }
 
-/// Memory in bytes for new rows of one layer's input and output, if the strip's height is not given.
+/// Memory budget in bytes for the new rows of one layer's input and output. Determines the height of strips if none is
+/// given.
 const MEMORY: usize = 64 << 20;
 
 /// A layer with weights waits for at least this number of pixels; fewer do not justify reading the weights.
@@ -119,8 +120,10 @@ fn in_lanes(
     rayon::join(|| run(first, 0, a), || run(second, half, b));
 }
 
-/// The next output rows of a layer whose input rows are complete; all remaining rows at the end of
-/// the picture. Whole tiles if strips are; empty if there are too few rows.
+/// The output rows that a layer computes next: those whose input rows are complete.
+///
+/// Except at the end of the picture, a layer with weights rounds them down to whole tiles, and waits until there are
+/// enough for a batch.
 fn ready(layer: &Layer, input: &Buffer, output: &Buffer, strip: usize) -> Range<usize> {
     let (first, MapSize { height, width, .. }) = (output.end(), output.size());
     let needs = |y: usize| layer.op.in_rows(y..y + 1, input.size().height);

@@ -74,8 +74,8 @@ impl Window {
         }
     }
 
-    /// Range of inputs, out of `side`, for the outputs `out`, and the numbers of padding zeros
-    /// before and after.
+    /// The inputs that the outputs `out` depend on, as a range within `0..side`, and the numbers of padding zeros
+    /// before and after it.
     fn inputs(&self, out: &Range<usize>, side: usize) -> (Range<usize>, usize, usize) {
         let start = out.start * self.stride;
         let end = (out.end - 1) * self.stride + self.size;
@@ -119,8 +119,8 @@ impl TensorLayer {
         }
     }
 
-    /// Output rows `out` of a map of `size`. `x` has its input rows from `first` on,
-    /// `[1, channels, rows, columns]`.
+    /// Computes the output rows `out` from an input map of `size`. `x`, `[1, channels, rows, columns]`, holds the
+    /// input's rows from `first` on.
     fn rows(&self, x: &Tensor, first: usize, size: MapSize, out: &Range<usize>) -> Result<Tensor> {
         let columns = 0..self.window.out_side(size.width);
         let (rows, above, below) = self.window.inputs(out, size.height);

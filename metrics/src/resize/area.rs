@@ -84,7 +84,7 @@ fn whole(scale: f64) -> Option<usize> {
     ((scale - nearest).abs() < f64::EPSILON).then_some(nearest as usize)
 }
 
-/// A row of means over cells of whole pixels.
+/// Computes row `y` of the output if each output pixel covers a cell of whole input pixels.
 fn cells<T: AreaSample>(
     picture: &[T],
     width: usize,

@@ -87,7 +87,7 @@ pub struct ResizeKernelError(String);
 /// Resizes the picture to `width` × `height` pixels, exactly as the kernel's library does.
 ///
 /// * torch's kernels return floats (f32 in 0..1), even for 8-bit pictures;
-/// * PIL's and OpenCV's return 8 bits for 8 bits (bit-identical to the library), and f32 for f32.
+/// * PIL's and OpenCV's keep the type of the picture: 8 bits (bit-identical to the library) or f32.
 ///
 /// Floats agree with the library up to its own rounding (1e-6). Values outside 0..1, which bicubic
 /// and Lanczos can produce, are clamped. A picture that already has the size is returned unchanged.
@@ -159,8 +159,8 @@ fn floats(picture: &Picture) -> Vec<f32> {
     }
 }
 
-/// Clamps to 0..1. Rounding of weights that sum to one may exceed the range by an ulp, negative
-/// weights by more.
+/// Clamps to 0..1. Values may exceed this range by an ulp because weights are rounded, and by more if weights are
+/// negative.
 fn unit_range(mut values: Vec<f32>, size: Size) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
     for value in &mut values {
         *value = value.clamp(0.0, 1.0);

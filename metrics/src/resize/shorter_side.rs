@@ -11,8 +11,9 @@ use crate::picture::Picture;
 /// The side to which `dists[resize256]` reduces.
 const SIDE: u32 = 256;
 
-/// Reduces the shorter side to 256 (the longer one is rounded down), 8 bit; unchanged if it is not larger.
-/// Floating-point pictures are first rounded to 8 bits, as PIL requires.
+/// Reduces a picture to a shorter side of 256 pixels; the proportional longer side is rounded down. The result has 8
+/// bits: floating-point pictures are first rounded, as PIL requires. A picture whose shorter side is at most 256 is
+/// returned unchanged.
 pub(crate) fn to_shorter_side_256(picture: &Picture) -> Cow<'_, Picture> {
     let (width, height) = picture.dimensions();
     if width.min(height) <= SIDE {

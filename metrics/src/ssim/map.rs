@@ -30,8 +30,8 @@ pub(super) fn map_rows<T: Send>(
             if (a == 0.0) == (b == 0.0) {
                 return Err(Unavailable::NoRange);
             }
-            // Contrast and structure are 0 / 0 but at most 1, and the luminance factor is 0. So the
-            // product is 0.
+            // One picture is black, so the luminance factor is 0. The other factors are 0 / 0, but never above 1, so
+            // the product counts as 0.
             let zeros = vec![0.0; map_width * form.channels()];
             return Ok((0..map_height).map(|y| each(y, &zeros)).collect());
         }

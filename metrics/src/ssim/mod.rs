@@ -26,9 +26,8 @@ use map::map_rows;
 use spec::SsimSpec;
 pub use variant::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow};
 
-/// Mean of the SSIM map. With a mask, the mean over windows whose centre is inside the mask, or if
-/// the variant requires it, over windows that are entirely inside. The pictures (and the mask) must
-/// have the same size.
+/// Mean of the SSIM map. With a mask, only windows whose centre is inside it count; some variants require the whole
+/// window to be inside. The pictures (and the mask) must have the same size.
 ///
 /// # Errors
 /// If the pictures are smaller than a window, or no window qualifies.
@@ -71,8 +70,8 @@ pub fn ssim(
     Ok(rows.iter().map(|(sum, _)| sum).sum::<f64>() / count as f64)
 }
 
-/// Mean of SSIM without its luminance factor, (2 σₐᵦ + C₂) / (σₐ² + σᵦ² + C₂), over the Gaussian windows inside the
-/// pictures: a factor of multi-scale SSIM.
+/// SSIM without its luminance factor, (2 σₐᵦ + C₂) / (σₐ² + σᵦ² + C₂), a factor of multi-scale SSIM. The mean over all
+/// Gaussian windows that lie inside the pictures.
 ///
 /// # Errors
 /// If the pictures are smaller than a window.

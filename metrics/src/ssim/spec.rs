@@ -10,7 +10,7 @@ pub(super) struct SsimSpec {
     pub(super) radius: usize,
     /// Weights of the pixels at distance `radius`, …, 1, 0 from the centre along one axis.
     pub(super) half: Vec<f64>,
-    /// C₁ = (k₁ L)².
+    /// k₁ in C₁ = (k₁ L)², where L is the range of values.
     pub(super) k1: f64,
 }
 

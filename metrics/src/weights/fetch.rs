@@ -11,7 +11,7 @@ use super::{Published, Weights, WeightsError};
 #[derive(Debug, thiserror::Error)]
 pub enum FetchError {
     /// Network access is disabled.
-    #[error("{address}: --offline was given")]
+    #[error("{address}: not downloaded, because --offline was given")]
     Offline { address: String },
     /// The transfer failed, or a file or folder of the cache could not be accessed.
     #[error(transparent)]

@@ -139,7 +139,7 @@ fn read(backbone: Backbone, path: &Path) -> Result<(Tensors, String), WeightsErr
     Ok((Tensors(tensors), original))
 }
 
-/// The first difference of each kind, and the number of differences.
+/// Summarises the differences in one line: for each kind, their number and the first one.
 fn in_one_line(incomplete: &Incomplete) -> String {
     let mut parts = Vec::new();
     if let Some(first) = incomplete.misshaped.first() {

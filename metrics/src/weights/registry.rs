@@ -53,8 +53,8 @@ impl Published {
         cache.join(format!("{stem}.features.safetensors"))
     }
 
-    /// The network's weights in a folder: the file as named by this program's download, by
-    /// torchvision, or after the network.
+    /// The file with the network's weights in `folder`, if there is one. It may have the name that this program's
+    /// download gives it, torchvision's, or the network's.
     fn in_folder(&self, folder: &Path) -> Option<PathBuf> {
         let plain = folder.join(format!("{}.safetensors", self.backbone));
         let files = [self.cached(folder), folder.join(&*self.file), plain];
@@ -117,7 +117,7 @@ fn variable(name: &str) -> Option<PathBuf> {
     value.map(PathBuf::from)
 }
 
-/// Folders of bundled files, if this code runs inside another program.
+/// Folders of bundled files, as set by [`lies_in`] if this code is a library inside another program.
 static OWN_FOLDERS: OnceLock<Vec<PathBuf>> = OnceLock::new();
 
 /// For a library inside another program: sets the folders of bundled files, searched in this order instead of the
@@ -134,9 +134,12 @@ pub fn own_folders() -> Vec<PathBuf> {
 }
 
 impl Weights {
-    /// Locally available weights. For each network, uses the first source that has them: the
-    /// download folder ([`cache_folder`]); the program itself, for AlexNet; the folder of its
-    /// executable ([or others](lies_in)) or of its sources, for VGG16; torch's hub folder.
+    /// Locally available weights. Each network's weights are taken from the first of these sources that has them:
+    ///
+    /// 1. the download folder ([`cache_folder`]);
+    /// 2. for AlexNet, the program itself; for other networks, the bundled files ([`own_folders`], then
+    ///    `metrics/weights` in the source code), which include VGG16;
+    /// 3. torch's hub folder ([`torch_hub`]).
     pub fn at_hand() -> Self {
         let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights");
         let bundled = [own_folders(), vec![sources]].concat();

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use crate::error::Fault;
 use crate::hash::hex;
 
-/// A source of bytes for a table of contents and for tensors.
+/// Random access to the bytes of a checkpoint: its table of contents and its tensors are read through this.
 pub(crate) trait Bytes {
     /// Length of the file when it was opened.
     fn len(&self) -> usize;
@@ -95,7 +95,7 @@ impl Bytes for OpenFile {
         read.map_err(|error| match error.kind() {
             io::ErrorKind::UnexpectedEof => Fault::Io(io::Error::new(
                 error.kind(),
-                "it became shorter while it was read",
+                "the file became shorter while it was being read",
             )),
             _ => Fault::Io(error),
         })

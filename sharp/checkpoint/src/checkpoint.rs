@@ -25,11 +25,13 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// Opens a PyTorch file (since 1.6 a zip of a pickle and raw storages, before that bare pickles) or a safetensors
-    /// file. The format is detected from the content.
+    /// Opens a PyTorch or safetensors file. The format is detected from the content.
     ///
-    /// If the pickled object holds no tensors itself but contains exactly one dict that does (`state_dict`, `model`,
-    /// …), that dict is used.
+    /// Both of PyTorch's formats are supported: the zip file written since version 1.6, and the sequence of pickles
+    /// written before.
+    ///
+    /// The pickled object is either the state dict itself, or contains exactly one dict of tensors (`state_dict`,
+    /// `model`, …), which is then used.
     ///
     /// # Errors
     /// [`CheckpointError`] if the file is unreadable or malformed, if it requests code execution, or if it does not
@@ -167,13 +169,13 @@ fn read_zip(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
         .filter_map(|name| name.strip_suffix("data.pkl"))
         .filter(|prefix| prefix.is_empty() || prefix.ends_with('/'));
     let (Some(prefix), None) = (pickles.next(), pickles.next()) else {
-        return malformed!("a zip file, but without exactly one 'data.pkl': not a checkpoint");
+        return malformed!("not a checkpoint: the zip file must contain exactly one 'data.pkl'");
     };
     if let Some(ZipEntry::Stored(range)) = entries.get(format!("{prefix}byteorder").as_str())
         && range.len() < 16
         && file.get(range.clone())?.trim_ascii() == b"big"
     {
-        return malformed!("written on a big-endian machine");
+        return malformed!("written on a big-endian machine, which is not supported");
     }
     let program = file.get(stored(&entries, &format!("{prefix}data.pkl"))?)?;
     let mut heap = Heap::default();

@@ -33,7 +33,7 @@ pub struct Incomplete {
     pub missing: Vec<Expected>,
     /// Tensors in the file that are neither expected nor allowed to be unused.
     pub surplus: Vec<String>,
-    /// Tensors in the file that have another shape.
+    /// Tensors whose shape in the file differs from the expected one.
     pub misshaped: Vec<Misshaped>,
 }
 
@@ -81,7 +81,8 @@ fn list(
 impl Checkpoint {
     /// Compares the file with what a model needs. Entries that are not tensors count as surplus.
     ///
-    /// `allow_unused`: prefixes of names that the file may contain without being expected.
+    /// `allow_unused`: prefixes of names. The file may contain tensors with these prefixes even if the model does not
+    /// need them.
     ///
     /// # Errors
     /// One [`Incomplete`] with all missing, surplus and misshaped tensors.

@@ -52,9 +52,9 @@ pub const ATTEMPTS: usize = 3;
 impl Download {
     /// Downloads the whole file to `part`.
     ///
-    /// A transfer interrupted during this or an earlier call is resumed until [`ATTEMPTS`] consecutive attempts bring no
-    /// new byte. It starts again if the server reports that its file has changed in the meantime. Proxies are configured by
-    /// the usual environment variables.
+    /// A transfer interrupted during this or an earlier call is resumed. The call gives up after [`ATTEMPTS`]
+    /// consecutive attempts without a new byte. If the server reports that its file has changed in the meantime, the
+    /// download starts over. Proxies are configured by the usual environment variables.
     ///
     /// # Errors
     /// [`DownloadError`] with the address and the reason. The bytes received so far stay in `part`.
@@ -202,7 +202,7 @@ fn tag_file(part: &Path) -> PathBuf {
     name.into()
 }
 
-/// Stores the tag if it is strong: only strong tags guarantee identical bytes.
+/// Stores the server's version tag (ETag) if it is strong: only strong tags guarantee identical bytes.
 fn remember_tag(part: &Path, tag: Option<String>) -> Result<(), DownloadError> {
     let file = tag_file(part);
     match tag.filter(|tag| tag.starts_with('"')) {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// Maximum length of a pickle. SHARP's 1038 tensors take 0.3 MB.
+/// Maximum length of a pickle, in bytes. SHARP's 1038 tensors take 0.3 MB.
 pub(crate) const MAX_PICKLE_LEN: usize = 32 << 20;
 
 /// A checkpoint cannot be read, or does not contain what was requested.
@@ -53,7 +53,9 @@ impl Fault {
             Self::Io(source) => CheckpointError::Io { path, source },
             Self::Malformed(reason) => CheckpointError::Malformed { path, reason },
             Self::CutOff(at) => {
-                let reason = format!("pickle: cut off at byte {at} (or above {MAX_PICKLE_LEN})");
+                let reason = format!(
+                    "pickle: no end within {at} bytes (the file is truncated, or the pickle exceeds {MAX_PICKLE_LEN} bytes)"
+                );
                 CheckpointError::Malformed { path, reason }
             }
             Self::ForbiddenGlobal(global) => CheckpointError::ForbiddenGlobal { path, global },

@@ -16,7 +16,7 @@ use crate::pickle::value::{Heap, Value};
 /// 0x1950a86a20f9469cfc6c, little-endian.
 const MAGIC: [u8; 10] = [0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19];
 const PROTOCOL: i64 = 1001;
-/// Maximum total size of the pickles before the storages.
+/// Maximum total size of the pickles before the storages, in bytes.
 const MAX_PICKLES: usize = 64 << 20;
 
 /// Reads the table of contents.
@@ -51,7 +51,7 @@ fn contents(file: &(impl Bytes + ?Sized), start: &[u8]) -> Result<NamedTensors, 
     if let Value::Dict(id) = system
         && heap.dicts[id as usize].contains(&(Value::Str("little_endian"), Value::Bool(false)))
     {
-        return malformed!("written on a big-endian machine");
+        return malformed!("written on a big-endian machine, which is not supported");
     }
     let places = storages(file, at, &heap, keys)?;
     resolve(&heap, root, file.len(), |storage| {
@@ -76,13 +76,13 @@ fn storages<'a>(
             .is_some_and(|other| other != storage)
         {
             return malformed!(
-                "storage '{}' has two contradicting descriptions",
+                "storage '{}' is described twice, with different types or sizes",
                 storage.key
             );
         }
     }
     let Value::List(id) = keys else {
-        return malformed!("the storages' keys are not a list but {}", keys.kind());
+        return malformed!("the keys of the storages are {}, not a list", keys.kind());
     };
     let mut places = BTreeMap::new();
     for key in &heap.lists[id as usize] {

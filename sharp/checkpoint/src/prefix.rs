@@ -13,11 +13,12 @@ const WRAPPERS: [&str; 4] = [
 ];
 
 impl Checkpoint {
-    /// Removes wrapper prefixes and wrapper components from all tensor names. `roots` are the first components of the
-    /// network's own names, none of which is a wrapper's. Returns what was removed (`module._orig_mod.`), if anything.
+    /// Removes wrapper prefixes and wrapper components from all tensor names. A name's prefix is everything before one
+    /// of `roots`, the first components of the network's own names. Returns what was removed (`module._orig_mod.`), if
+    /// anything.
     ///
     /// # Errors
-    /// The different prefixes, sorted, if the names have more than one.
+    /// All prefixes found, sorted, if there is more than one, or if two tensors would get the same name.
     pub fn without_prefix(
         &mut self,
         roots: &BTreeSet<String>,

@@ -10,7 +10,7 @@ use crate::bytes::Bytes;
 use crate::error::{Fault, malformed};
 use crate::tensor::{DType, TensorLayout};
 
-/// Maximum length of a header.
+/// Maximum length of a header, in bytes.
 const MAX_HEADER: u64 = 32 << 20;
 
 /// Tensor layouts and metadata of the header.
@@ -41,7 +41,7 @@ impl<'de> Deserialize<'de> for SafetensorsHeader {
             type Value = SafetensorsHeader;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("an object of tensors")
+                f.write_str("an object that maps names to tensors")
             }
 
             fn visit_map<A: MapAccess<'de>>(

@@ -135,14 +135,14 @@ fn entry(
     let mut packed = u32_at(record, 20);
     let mut size = u32_at(record, 24);
     let mut start = u32_at(record, 42);
-    // The 64-bit field contains, in this order, only the values that are saturated in the central
-    // record.
+    // A 32-bit value of all ones means that the actual value is in the 64-bit field. That field contains only such
+    // values, in the order of this loop.
     let wide = wide_field(extra);
     let mut at = 0;
     for value in [&mut size, &mut packed, &mut start] {
         if *value == 0xFFFF_FFFF {
             let Some(field) = wide.get(at..at + 8) else {
-                return malformed!("zip: '{name}' lacks its 64-bit sizes");
+                return malformed!("zip: the 64-bit sizes of '{name}' are missing");
             };
             *value = u64_at(field, 0);
             at += 8;
@@ -158,7 +158,7 @@ fn entry(
         )));
     }
     if packed != size {
-        return malformed!("zip: '{name}' is stored but has two different sizes");
+        return malformed!("zip: '{name}' is stored uncompressed, but its two sizes differ");
     }
     let local = slice(file, start, LOCAL_LEN as u64, "a local header")?;
     if !local.starts_with(LOCAL) {

@@ -26,10 +26,10 @@ impl AttentionShape {
     }
 }
 
-/// Tiles of rows processed at a time, chosen so that their scores fit in the L2 cache.
+/// Number of row tiles processed at a time, chosen so that their scores fit in the L2 cache.
 const TILES: usize = 3;
 
-/// Lanes of the reductions, the same for every instruction set.
+/// Number of partial sums or maxima of a reduction over a row; the same for every instruction set.
 const LANES: usize = 16;
 
 /// `softmax(scale · Q Kᵀ) V` for every sequence and head.
@@ -309,8 +309,8 @@ fn softmax_body<const FMA: bool>(
     }
 }
 
-/// `exp(scale · (score - top))`, but at least `exp(-80)`: smaller weights are negligible, and being subnormal would be
-/// slow. Uses a comparison rather than `max` so that NaN propagates.
+/// `exp(scale · (score - top))`, but at least `exp(-80)`: smaller weights are negligible, and arithmetic on subnormal
+/// numbers is slow. Uses a comparison rather than `max` so that NaN propagates.
 #[inline(always)]
 fn weight<const FMA: bool>(score: f32, top: f32, scale: f32) -> f32 {
     let x = scale * (score - top);

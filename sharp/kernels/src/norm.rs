@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::math::{fma, relu};
 use crate::simd::{Simd, per_instruction_set};
 
-/// Lanes of the sums over a token, the same for every instruction set.
+/// Number of partial sums over a token; the same for every instruction set.
 const LANES: usize = 16;
 
 /// Normalises every row of `x` (`[rows][dim]`, `dim` the length of `gamma`) to mean 0 and

@@ -33,8 +33,8 @@ impl<'a> RowWindow<'a> {
         Self::in_two(&[], data, rows, height, width, channels)
     }
 
-    /// Like [`new`](Self::new), with the rows in two slices, all rows of `head` above those of
-    /// `tail`, so that rows kept from the previous strip need not be copied next to the new ones.
+    /// Like [`new`](Self::new), for rows in two slices: those of `tail` follow those of `head`. Thus, rows kept from
+    /// the previous strip need not be copied next to the new ones.
     ///
     /// # Panics
     /// If the total length is wrong, `head` ends within a row, or the rows lie outside the image.
@@ -115,7 +115,7 @@ impl<'a> RowWindow<'a> {
     pub(crate) fn expect_rows(&self, rows: &Range<usize>) {
         assert!(
             rows.is_empty() || (self.rows.start <= rows.start && rows.end <= self.rows.end),
-            "rows {rows:?} are needed, {:?} are there",
+            "rows {rows:?} are needed, but the window has {:?}",
             self.rows
         );
     }

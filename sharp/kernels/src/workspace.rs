@@ -51,9 +51,9 @@ impl std::ops::DerefMut for Aligned {
 /// Runs `task(index, scratch)` for every index below `count` on the current rayon pool. `scratch`
 /// has `scratch_len` floats of arbitrary content, aligned to cache lines.
 ///
-/// The assignment of tasks to threads varies, so tasks must write to disjoint memory. Scratch
-/// memory is kept for the next call. It grows to the largest size needed, from some hundred
-/// kilobytes to a few megabytes per thread, times the number of concurrent calls.
+/// The assignment of tasks to threads varies, so tasks must write to disjoint memory. Scratch memory is kept for the
+/// next call and grows to the largest size needed: between a few hundred kilobytes and a few megabytes per thread, for
+/// each concurrent call.
 pub(crate) fn run_tasks(count: usize, scratch_len: usize, task: impl Fn(usize, &mut [f32]) + Sync) {
     static IDLE: Mutex<Vec<Aligned>> = Mutex::new(Vec::new());
     let idle = || IDLE.lock().unwrap_or_else(PoisonError::into_inner);

@@ -153,7 +153,7 @@ impl Block {
     }
 }
 
-/// Multiplies the sigmoids of x and −x, so that the slope does not underflow before f64 does.
+/// Derivative of the sigmoid, as sigmoid(x) · sigmoid(−x). Unlike s · (1 − s), this does not become 0 for large x.
 fn sigmoid_slope(x: f64) -> f64 {
     sigmoid(x) * sigmoid(-x)
 }
@@ -162,7 +162,7 @@ fn softplus_slope(x: f64) -> f64 {
     if x > 20.0 { 1.0 } else { sigmoid(x) }
 }
 
-/// 0 below the clamp of [`inverse_softplus`].
+/// Derivative of [`inverse_softplus`]; 0 below its clamp.
 fn inverse_softplus_slope(t: f64) -> f64 {
     if t < 1e-6 { 0.0 } else { -1.0 / (-t).exp_m1() }
 }

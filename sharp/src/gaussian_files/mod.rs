@@ -49,7 +49,7 @@ const MAX_EXPANSION: usize = 256;
 const CONVERT: &str = "convert it with `npx @playcanvas/splat-transform IN OUT.ply`";
 
 /// Reads a scene from a file, or from a folder that contains a SOG's `meta.json`. `reading` overrides the format's own
-/// number encodings, and sets the colour encoding for files that do not state it and the blending colour space.
+/// number encodings. It also sets the blending colour space, and the colour encoding of files that do not state one.
 ///
 /// # Errors
 /// [`PlyError`] with the path and the reason; [`PlyReason::Foreign`] for a recognised but unsupported format.
@@ -103,7 +103,7 @@ pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     let format = match bytes {
         [0xef, 0xbb, 0xbf, ..] => {
             let mark =
-                "text with a byte order mark: a text editor changed the file; write it again";
+                "text with a byte order mark, which a text editor added; write the file again";
             return Some(mark.to_owned());
         }
         [b'g', b'l', b'T', b'F', ..] => "glTF",

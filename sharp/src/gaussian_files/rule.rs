@@ -31,7 +31,7 @@ impl MarkedRule {
             ),
             _ if marks.has_filter_3d => stated(
                 Rule::MIP_SPLATTING,
-                "its filter_3D is Mip-Splatting's and was folded in",
+                "it has Mip-Splatting's filter_3D, which was folded into its scales and opacities",
             ),
             (Some(Generator::Brush), _) if marks.mode == Some(SplatRenderMode::Mip) => {
                 stated(Rule::BRUSH_MIP, "brush exported it in mode mip")

@@ -216,7 +216,7 @@ impl Sog {
         let name = name.ok_or_else(|| missing(attribute))?;
         let bytes = self.files.get(name).map(Vec::as_slice).unwrap_or_default();
         let picture = |error: String| damaged(format!("{name}: {error}"));
-        let broken = |_| picture("no whole WebP picture: truncated or damaged?".to_owned());
+        let broken = |_| picture("not a complete WebP picture (truncated or damaged?)".to_owned());
         let decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(broken)?;
         let (width, height) = decoder.dimensions();
         let area = (width as usize).saturating_mul(height as usize);
@@ -287,7 +287,7 @@ impl Range {
 enum Levels {
     /// Version 1: linear within a range.
     Range(Range),
-    /// Version 2: one value per byte.
+    /// Version 2: a table with the number of each byte.
     Codebook(Box<[f32; 256]>),
 }
 
@@ -309,8 +309,8 @@ impl Levels {
     }
 }
 
-/// The last byte identifies the largest of w, x, y, z, which is positive; the others follow in
-/// order. If the last byte has an undefined value, the result is the identity.
+/// Decodes a quaternion w, x, y, z. `last` identifies its largest component, which is positive; the other bytes are the
+/// remaining components in order. An undefined `last` gives the identity.
 fn rotation_of([a, b, c, last]: [u8; 4]) -> [f32; 4] {
     let Some(largest) = last.checked_sub(252).map(usize::from) else {
         return [1.0, 0.0, 0.0, 0.0];

@@ -19,7 +19,7 @@ pub enum FocalSource {
 
 /// Default focal length: millimetres, 35 mm equivalent.
 const DEFAULT_FOCAL_MM: f64 = 30.0;
-/// Lenses of shorter focal length are assumed to be those of phones, as in the release.
+/// Lenses whose focal length is below this, in millimetres, are assumed to be those of phones, as in the release.
 const PHONE_MM: f64 = 10.0;
 /// Focal lengths of lenses on 35 mm film, from fisheyes and action cameras to telescopes.
 const LENSES_MM: RangeInclusive<f64> = 7.0..=3000.0;
@@ -54,7 +54,7 @@ fn px_from_35mm(focal_mm: f64, (width, height): (f64, f64)) -> f64 {
 pub struct Focal {
     pub px: f64,
     pub source: FocalSource,
-    /// Reasons that the true value may differ, with that value.
+    /// Reasons why the focal length may be wrong, each with the likely value.
     pub warnings: Vec<String>,
 }
 
@@ -186,7 +186,8 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
 fn unlikely(source: FocalSource, px: f64) -> Option<String> {
     match source {
         FocalSource::Equivalent35mm(mm) if !LENSES_MM.contains(&mm) => Some(format!(
-            "the file states {mm} mm on 35 mm film, which no lens has, so {px:.2} px is probably wrong; set --focal-px"
+            "the file states a focal length of {mm} mm on 35 mm film, which no lens has, so {px:.2} px is probably wrong; \
+            set --focal-px"
         )),
         _ => None,
     }
@@ -245,8 +246,8 @@ impl Sensor {
         format!(" (by the file's FocalPlaneXResolution, the sensor is {width_mm:.1} mm wide)")
     }
 
-    /// Warns that the focal length differs from `px`. The 35 mm equivalent remains valid if a
-    /// picture is resized, the pixel pitch if it is cropped.
+    /// Warns that the pixel pitch gives a focal length other than `px`. Resizing a picture changes its pixel pitch;
+    /// cropping changes its 35 mm equivalent.
     fn text(self, source: FocalSource, px: f64) -> String {
         let Self {
             lens_mm,

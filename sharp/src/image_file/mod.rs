@@ -186,7 +186,7 @@ pub fn read(
 /// Decodes a map of integers, such as depth in millimetres, as stored.
 ///
 /// # Errors
-/// As for [`read`], but small values are not an error.
+/// As for [`read`], but 16-bit pictures with only small values are accepted.
 pub fn read_map(bytes: &[u8]) -> Result<Picture, ImageFileError> {
     decode(bytes, &PictureRules::AS_STORED, None, |_| Ok(()))
 }

@@ -135,7 +135,7 @@ impl Profile {
             matrix,
         };
         if !matrix.is_finite() {
-            let reason = "its primaries are not a colour space";
+            let reason = "its primaries do not define a colour space";
             return Self::Other { name, reason };
         }
         match to_srgb.difference() <= SRGB_LEVELS {

@@ -71,7 +71,8 @@ choices! {
     #[derive(Default)]
     /// Treatment of the EXIF orientation.
     OrientationRule {
-        /// As stored if that matches the camera's size; upright if only that matches, or if there is no camera.
+        /// Without a camera, the picture is turned upright. With one, it is turned only if it has the camera's size
+        /// upright, but not as stored.
         #[default]
         Auto = "auto",
         Stored = "stored",

@@ -15,7 +15,7 @@ const GROUPS: usize = 4;
 /// Minimum depth passed to the network, in metres.
 const MIN_DEPTH: f32 = 1e-4;
 
-/// `relu(norm(x))` followed by a convolution, twice, plus a shortcut.
+/// A residual block: normalisation, ReLU and convolution, twice, added to a shortcut.
 pub(super) struct NormResidualBlock {
     norm0: GroupNorm,
     conv2: Conv,

@@ -50,10 +50,10 @@ impl VitConfig {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AlignmentInput {
-    /// As in the release, whose alignment network receives two channels.
+    /// The first of the two layers, as in the release. The network then has two input channels.
     #[default]
     FirstLayer,
-    /// A possible reading of the paper, whose predicted depth has two layers. Three input channels.
+    /// Both layers, a possible reading of the paper. The network then has three input channels.
     BothLayers,
 }
 
@@ -71,8 +71,8 @@ impl AlignmentInput {
     }
 }
 
-/// Hash of a configuration that is or contains a [`ModelConfig`]. A key that was added later counts only where it differs
-/// from its default, so that hashes by earlier programs remain valid.
+/// SHA-256 of a configuration that is or contains a [`ModelConfig`]. A key added in a later version is included only if
+/// it differs from its default, so that hashes from earlier versions remain valid.
 pub fn config_sha256(config: &impl Debug) -> String {
     // Debug output of numbers, strings and lists of them is unambiguous and cannot fail.
     let text = format!("{config:?}").replace(", alignment_input: None", "");

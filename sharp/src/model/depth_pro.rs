@@ -56,6 +56,8 @@ pub fn parameters(config: &ModelConfig, has_fov: bool) -> Result<Vec<Parameter>,
 pub struct DepthProSource(CheckpointSource);
 
 impl DepthProSource {
+    /// Opens a checkpoint of Depth Pro.
+    ///
     /// # Errors
     /// As for [`CheckpointSource::open`]; [`ModelError::File`] for a checkpoint of SHARP.
     pub fn open(path: &Path) -> Result<Self, ModelError> {

@@ -19,7 +19,7 @@ pub enum ModelError {
     /// A file cannot be read or written, or has unexpected content.
     #[error("{}: {reason}", path.display())]
     File { path: PathBuf, reason: String },
-    /// A photograph is not a complete PNG or JPEG.
+    /// A photograph cannot be decoded completely.
     #[error("{}: not an image that can be read: {reason}", path.display())]
     Photograph {
         path: PathBuf,

@@ -127,8 +127,9 @@ impl CheckpointSource {
         self.check_for(parameters, &[String::new()])
     }
 
-    /// A sentence about weights that end in zeros, as in a file that was written or copied only in part, or that are
-    /// equal in several layers; `None` if there are none. Layers that are zero before training do not count.
+    /// A warning about weights that training does not produce; `None` if there are none. These are tensors that end in
+    /// zeros, as in a file that was only partly written or copied, and tensors that are equal in several layers. Layers
+    /// that are zero before training are ignored.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`] if the file cannot be read.
@@ -165,7 +166,7 @@ impl CheckpointSource {
         }
         let repeated = repeated.first().map(|(name, other)| {
             format!(
-                "{} of its weight tensors are equal to those of another layer (first {name} to {other}), which \
+                "{} of its weight tensors are equal to those of another layer (for example, {name} to {other}), which \
                  training does not produce; perhaps the tensors of one layer were written in place of others'; \
                  convert the file again",
                 repeated.len()
@@ -173,7 +174,7 @@ impl CheckpointSource {
         });
         let zeros = first.map(|(name, share)| {
             format!(
-                "{count} of its weight tensors end in zeros (first {name}, of which {:.0} % are missing), which \
+                "{count} of its weight tensors end in zeros (for example, {name}, of which {:.0} % are missing), which \
                  training does not produce; the file was probably written or copied only in part, so get it again",
                 100.0 * share
             )
@@ -181,7 +182,8 @@ impl CheckpointSource {
         Ok(zeros.or(repeated))
     }
 
-    /// Checks that the file contains each of these parameters that is used, and no other tensor; see [`Self::check`].
+    /// Checks that the file contains all `parameters` that are used, and no tensors other than `parameters` and those
+    /// of `allow_unused`; see [`Self::check`].
     pub(super) fn check_for(
         &self,
         parameters: Vec<Parameter>,
@@ -218,7 +220,7 @@ impl CheckpointSource {
 
 /// Parts of names of layers that are zero before training.
 pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_estimator.conv_out."];
-/// Tensors are compared by at least this number of values; smaller ones by all of their values.
+/// Minimum number of values by which two tensors are compared; tensors with fewer values are compared completely.
 const MIN_COMPARED: usize = 256;
 /// Zeros at the end of a tensor count as missing values if they are at least this share of it.
 const MIN_ZERO_TAIL: f64 = 0.1;

@@ -88,12 +88,13 @@ impl DisparityHead {
         }
     }
 
-    /// `x` is reassigned rather than shadowed, so that each map (a gigabyte) is freed once the next one exists.
+    /// Computes disparity from the decoder's features `x`.
     fn forward(
         &self,
         mut x: Tensor,
         observer: &mut dyn StageObserver,
     ) -> Result<Tensor, ModelError> {
+        // `x` is reassigned rather than shadowed, so that each map (a gigabyte) is freed once the next one exists.
         x = self.conv0.forward(&x)?;
         observer.stage("depth_head.0", StageValue::image(&x))?;
         x = self.deconv1.forward(&x)?;

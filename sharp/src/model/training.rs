@@ -41,9 +41,9 @@ pub struct TrainingInput<'a> {
     /// predicted depth; without it the factors are 1. It is infinite in the sky. At pixels where it
     /// is 0 (unknown), the network receives the first predicted layer instead.
     pub known_depth: Option<&'a [f32]>,
-    /// If true, disparity below its lower bound still passes gradients that would raise it; at the bound, gradients
-    /// always pass. If false, a randomly initialised network may drop to the bound everywhere and never recover. The
-    /// release has a clamp for this purpose but does not use it.
+    /// If true, a gradient that would raise a disparity passes even where the disparity is below its lower bound. If
+    /// false, a randomly initialised network may drop below the bound everywhere and never recover. At the bound
+    /// itself, gradients always pass. The release has a clamp for this purpose but does not use it.
     pub zeros_return: bool,
     /// Skips the refinement of Gaussians, for losses that depend on depth alone: deltas are 0.
     pub depth_only: bool,
@@ -259,7 +259,7 @@ impl TrainableNetwork {
     }
 }
 
-/// Starts a new graph at `tensor`: a variable that receives its gradient, if `tensor` is tracked.
+/// Starts a new graph at `tensor`. If `tensor` is tracked, the result is a variable, which receives the gradient.
 fn leaf(tensor: &Tensor) -> candle_core::Result<Tensor> {
     Ok(match tensor.track_op() {
         true => Var::from_tensor(tensor)?.into_inner(),
@@ -397,7 +397,8 @@ impl TrainingPass {
     }
 }
 
-/// Internal resolution from which intermediate tensors are not kept. At 1536 they would take more than 24 GiB.
+/// At this internal resolution and above, intermediate tensors are computed again instead of kept. At 1536 they would
+/// take more than 24 GiB.
 const RECOMPUTED_FROM: usize = 1024;
 
 /// Output channels of the two heads.

@@ -102,7 +102,7 @@ impl FileMarks {
                 "2D Gaussian Splatting (SplatRenderMode: 2dgs), whose flat Gaussians are not drawn"
             }
             () if is_sharp && self.antialiased == Some(true) => {
-                "an antialiased rasteriser (SplatRenderMode: mip), whose compensated low-pass filter SHARP's rule lacks"
+                "an antialiased rasteriser (SplatRenderMode: mip); SHARP's rule has no compensated low-pass filter"
             }
             () if is_sharp && self.has_filter_3d => {
                 "Mip-Splatting (property filter_3D), whose filter must be folded into scales and opacities; export \

@@ -190,7 +190,7 @@ pub enum PlyReason {
     )]
     LogitColors,
     #[error(
-        "{surplus} bytes follow the last row, {each} for each of {count}, so the rows are longer than the header \
+        "{surplus} bytes follow the last row, {each} for each of {count} rows, so the rows are longer than the header \
          says and were misread; write the file again with all properties declared"
     )]
     LongerRows {

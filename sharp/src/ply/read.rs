@@ -103,11 +103,14 @@ fn fold_filter(gaussians: &mut Gaussians, filter: &[f32]) {
 
 /// Parses the bytes of a PLY file.
 ///
-/// Properties and elements may come in any order, in text or binary of either byte order. Required are `x y z f_dc_0..2
-/// opacity scale_0..2 rot_0..3` of element `vertex`, or PlayCanvas' compressed elements. Older forms of the release's
-/// extra elements are supported: an `intrinsic` of four values (fx, fy, width, height) and an `extrinsic` of twelve
-/// (3×4, with its 3×3 part transposed). `given` overrides the encodings of 3D Gaussian Splatting, and sets the colour
-/// encoding for files that do not state it.
+/// Properties and elements may come in any order, in text or binary of either byte order. The element `vertex` must
+/// have the properties `x y z f_dc_0..2 opacity scale_0..2 rot_0..3`; PlayCanvas' compressed elements can replace it.
+///
+/// Older forms of the release's extra elements are supported: an `intrinsic` of four values (fx, fy, width, height) and
+/// an `extrinsic` of twelve (3×4, with its 3×3 part transposed).
+///
+/// `given` overrides the encodings of 3D Gaussian Splatting, and sets the colour encoding of files that do not state
+/// one.
 ///
 /// # Errors
 /// [`PlyReason`] for a malformed or incomplete file; [`PlyReason::ColorSpaceUnknown`] if neither the file nor `given`

@@ -76,15 +76,15 @@ impl Default for ColorSpace {
 }
 
 setting!(
-    /// Encoding of opacities.
+    /// Encoding of an opacity o in 0..1.
     StoredOpacity, "opacity":
     /// ln(o / (1 − o)).
     Logit = "logit",
-    /// 0..1.
+    /// o itself, in 0..1.
     Linear = "linear",
-    /// 0..255.
+    /// 255 o, in 0..255.
     Byte = "byte",
-    /// ln o.
+    /// ln o, the natural logarithm.
     Log = "log",
 );
 setting!(
@@ -109,17 +109,17 @@ setting!(
     XyzwInverse = "xyzw-inverse",
 );
 setting!(
-    /// Encoding of colours.
+    /// Encoding of a colour channel c, nominally in 0..1.
     StoredColors, "colors":
     /// The constant coefficient of spherical harmonics, (c − ½) / √(1 / 4π).
     Dc = "dc",
     /// c / √(1 / 4π), without the half.
     DcUncentered = "dc-uncentered",
-    /// 0..1.
+    /// c itself, in 0..1.
     Rgb01 = "rgb01",
-    /// −1..1: 2 c − 1.
+    /// 2 c − 1, in −1..1.
     RgbSigned = "rgb-signed",
-    /// 0..255; in a PLY without `f_dc_*`, its `red green blue`.
+    /// 255 c, in 0..255; read from `red green blue` in a PLY without `f_dc_*`.
     Rgb255 = "rgb255",
     /// ln(c / (1 − c)), as in nerfstudio's exports of models of degree 0.
     Logit = "logit",
@@ -245,7 +245,7 @@ impl StoredForm {
         }
     }
 
-    /// Sets the settings that are unset to the encodings of `format`.
+    /// Returns these settings, with unset ones taken from `format`.
     pub fn or_of(self, format: &Self) -> Self {
         Self {
             opacity: self.opacity.or(format.opacity),
@@ -354,8 +354,8 @@ impl StoredForm {
         if self.harmonics == Some(Harmonics::Interleaved) {
             let each = gaussians.harmonics.per_gaussian().max(1);
             for own in gaussians.harmonics.coefficients.chunks_mut(each) {
-                // The reference uses positions in the file: `place / each` is the channel as read,
-                // `place % 3` the channel that the program wrote.
+                // `place` is a position in the file. There, `place / each` is the channel according to the format,
+                // `place % 3` the channel that the program actually wrote.
                 let as_read = own.to_vec();
                 for place in 0..3 * own.len() {
                     let (one, other) = ((place % each, place / each), (place / 3, place % 3));

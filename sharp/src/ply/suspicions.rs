@@ -19,8 +19,8 @@ const MIN_REPEATED: f64 = 0.05;
 /// A doubt about the encoding of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Suspicion {
-    /// Topic; only one doubt per topic is reported. If numbers alone suggest a setting that would
-    /// fix it, the topic is that setting.
+    /// Topic, e.g. `overflow`, or the setting that would fix the reading, e.g. `opacity=linear`. Only one doubt per
+    /// topic is reported.
     pub about: &'static str,
     /// The reason, and the setting that would fix it.
     pub text: String,
@@ -222,16 +222,16 @@ impl Range {
         })
     }
 
-    /// True if all values are in 0..1. If all are equal, also requires the stored value to be a
-    /// round number and its logistic not to be.
+    /// True if the values look like opacities without the logit: all are in 0..1. If all are equal, the value itself
+    /// must also be a round number, and its logistic must not.
     fn is_activated(&self) -> bool {
         let inside = self.least >= 0.0 && self.most <= 1.0;
         inside
             && (self.least < self.most || (is_round(self.least) && !is_round(logistic(self.least))))
     }
 
-    /// True if no value is positive but many are close to 0, as logarithms of opacities are. If all are equal, also
-    /// requires the exponential to be a round number and the logistic not to be.
+    /// True if the values look like logarithms of opacities: none is positive, and many are close to 0. If all are
+    /// equal, the exponential must be a round number, and the logistic must not.
     fn is_logarithm(&self) -> bool {
         let is_constant = self.least == self.most;
         self.most <= 0.0
@@ -242,17 +242,17 @@ impl Range {
     }
 }
 
-/// Logarithm of an opacity that one in twenty Gaussians of a scene exceed.
+/// In a real scene, at least one in twenty Gaussians has an opacity whose logarithm exceeds this.
 const NEARLY_OPAQUE: f32 = -0.25;
-/// Logarithm of an opacity that half of the Gaussians of a scene exceed.
+/// In a real scene, at least half of the Gaussians have an opacity whose logarithm exceeds this.
 const MOSTLY_OPAQUE: f32 = -0.4;
 
 fn is_round(value: f32) -> bool {
     (value * 1000.0 - (value * 1000.0).round()).abs() < 1e-3
 }
 
-/// A standard deviation that is implausible in any scene, if half of them are wider than the whole scene or one exceeds
-/// a million.
+/// An implausible standard deviation of the scene, if there is one: the largest, if it exceeds a million, or else the
+/// median, if it exceeds the extent of the scene.
 pub fn enormous_scale(gaussians: &Gaussians) -> Option<f32> {
     let finite: Vec<usize> = (0..gaussians.len())
         .filter(|&k| gaussians.is_finite(k))

@@ -117,7 +117,7 @@ pub enum TableError {
     },
 }
 
-/// Maximum length of a header; real ones have about 2 KiB.
+/// Maximum length of a header in bytes; real ones have about 2 KiB.
 const MAX_HEADER_BYTES: usize = 1 << 16;
 
 impl Header {
@@ -215,7 +215,7 @@ fn property(words: &[&str]) -> Option<Property> {
 /// Describes a line of a property whose type is unknown.
 fn unread(line: &str) -> String {
     format!(
-        "{} is no type of PLY, which has integers, float and double; convert it to float",
+        "{}: not a type of PLY, which has integers, float and double; convert it to float",
         unknown(line)
     )
 }
@@ -249,7 +249,7 @@ impl<'a> TableRow<'a> {
         &self.values[self.starts[index]..self.starts[index + 1]]
     }
 
-    /// Value of a single-number property; the first one of a list.
+    /// Value of a property that is a single number; the first value of a list property.
     pub fn number(self, index: usize) -> f64 {
         self.values[self.starts[index]]
     }
@@ -362,7 +362,7 @@ impl<'a> Body<'a> {
             })
     }
 
-    /// `None` at the end of the file.
+    /// Reads one binary value; `None` at the end of the file.
     fn binary(&mut self, scalar: Scalar) -> Option<f64> {
         Some(match scalar {
             Scalar::I8 => f64::from(i8::from_le_bytes(self.take()?)),

@@ -106,7 +106,7 @@ pub(super) fn comments(scene: &GaussianScene) -> Vec<&'static str> {
     generator.into_iter().chain(mode).collect()
 }
 
-/// Files of Inria's program have normals, those of gsplat do not.
+/// True if normals are written. Files of Inria's program have them; those of gsplat do not.
 fn has_normals(scene: &GaussianScene, form: PlyForm) -> bool {
     form == PlyForm::Plain && scene.marks.generator == Some(Generator::InriaLike)
 }

@@ -1,4 +1,4 @@
-//! Choice of a rendering backend, in the notation of users and records.
+//! Choice of a rendering backend, as written on command lines and in records.
 
 use super::{CpuRenderer, RenderError, Renderer};
 use std::fmt;
@@ -7,7 +7,7 @@ use std::str::FromStr;
 /// Rendering backend. Written `cpu`, `wgpu`, `wgpu:NAME` or `auto`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Backend {
-    /// [`CpuRenderer`]. The default, also for scoring unless requested otherwise.
+    /// [`CpuRenderer`]. The default, also for scoring.
     #[default]
     Cpu,
     /// `GpuRenderer` on the first hardware adapter, or on the first adapter whose description contains the name

@@ -1,9 +1,8 @@
 //! Pass `emit`: the list of Gaussians that reach each bin of 64×64 pixels.
 //!
-//! Lists are emitted in source order, which for a predicted scene is row by row on the screen, and
-//! contain sort keys: `z` bits above, index below. Chunks of Gaussians emit into separate lists, so
-//! that no two threads write to the same memory and the result does not depend on the number of
-//! threads.
+//! Lists are in source order, which for a predicted scene is row by row on the screen. Their entries are sort keys: the
+//! bits of z in the upper half, the index in the lower half. Each chunk of Gaussians has its own lists, so that no two
+//! threads write to the same memory and the result does not depend on the number of threads.
 
 use super::project::Footprint;
 use super::scan::scan;

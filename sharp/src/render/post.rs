@@ -35,7 +35,7 @@ impl Background {
     }
 }
 
-/// The notation that is parsed, and used in records.
+/// Writes the notation that parsing accepts; it is also used in records.
 impl std::fmt::Display for Background {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {

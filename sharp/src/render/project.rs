@@ -19,7 +19,7 @@ use std::f64::consts::{LN_2, LOG2_E};
 pub(super) struct Splat {
     /// Mean in pixels; f64, so that subtracting a distant tile's origin is exact.
     pub(super) mean: [f64; 2],
-    /// Cholesky factor of the conic, scaled so that the exponent is one of 2.
+    /// p, q and r are the Cholesky factor of the conic, scaled for an exponential to base 2.
     pub(super) p: f32,
     pub(super) q: f32,
     pub(super) r: f32,
@@ -419,7 +419,7 @@ pub(super) fn log2(x: f64) -> f64 {
     let mantissa = f64::from_bits(
         (shifted & 0x000f_ffff_ffff_ffff).wrapping_add(std::f64::consts::FRAC_1_SQRT_2.to_bits()),
     );
-    // 2^52 + 2^51 with the exponent's bits below: converts integer to float by subtraction.
+    // 2^52 + 2^51. Adding a small integer to its bits and then subtracting it converts the integer to a float.
     const MAGIC: f64 = 6_755_399_441_055_744.0;
     let biased = f64::from_bits(((shifted >> 52) ^ 0x800).wrapping_add(MAGIC.to_bits())) - MAGIC;
     let exponent = biased - 2048.0;

@@ -1,7 +1,7 @@
 //! Pass `ranges`: start and end of each tile's list, and the lists themselves.
 //!
-//! The GPU sorts (tile, Gaussian) pairs by tile and finds the boundaries. Here, on the CPU, it is cheaper to count, scan
-//! and fill within each bin, which gives the same lists in the same order.
+//! The GPU sorts (tile, Gaussian) pairs by tile and finds the boundaries. Here, on the CPU, it is cheaper to count,
+//! scan and fill within each bin, which gives the same lists in the same order.
 
 use super::emit::BIN;
 use super::project::{Footprint, Splat};
@@ -22,13 +22,13 @@ pub(super) struct LocalSplat<S = f32> {
     pub(super) reach: [u8; 4],
     /// See [`Splat::cut`].
     pub(super) cut: f32,
-    /// True if the ellipse covers so little of its box that it pays to compute the tile columns of
-    /// each row.
+    /// True if the ellipse covers little of its bounding box, so that computing the tile columns of each row saves
+    /// time.
     pub(super) slanted: bool,
 }
 
-/// A Gaussian is slanted if the ellipse's share of the box, squared and without the factor π/4, is
-/// below this.
+/// A Gaussian is slanted if (a / (π/4))² is below this, where a is the fraction of its bounding box that the ellipse
+/// covers.
 const SLANTED: f32 = 0.5;
 
 impl LocalSplat {
@@ -65,8 +65,8 @@ impl LocalSplat {
 
     /// First and last pixel column within reach on any of the `rows` rows starting at `y`.
     ///
-    /// On one row, `|p dx + q dy| ≤ sqrt(cut − (r dy)²)`. Over a range of dy, each end of that interval is extreme at
-    /// its own stationary point or at the nearest end of the range.
+    /// On one row, the pixels within reach satisfy `|p dx + q dy| ≤ sqrt(cut − (r dy)²)`. Each end of this interval of
+    /// dx has one stationary point in dy. It is extreme there, or at the nearest dy of the rows.
     fn columns(&self, y: usize, rows: usize) -> (usize, usize) {
         let (p, q, r) = (self.p, self.q, self.r);
         let tip = self.cut.sqrt() / r;

@@ -1,8 +1,8 @@
 //! Pass `raster`: blends each tile's list into its pixels, sixteen pixels at a time.
 //!
 //! Each lane accumulates one pixel's Gaussians in list order, independently of all others, so neither the tile size nor
-//! skipped Gaussians can change its bits. Skipping is safe because footprint and `cut` are conservative bounds of where
-//! 1/255 can be reached.
+//! skipped Gaussians can change its bits. Skipping is safe because footprint and `cut` are conservative bounds of the
+//! region in which alpha can reach 1/255.
 
 use super::Rule;
 use super::project::ALPHA_MIN;
@@ -16,7 +16,8 @@ pub(super) const BLOCK: usize = 4;
 
 /// Maximum alpha of one Gaussian in a pixel by SHARP's rule, which is the rule of the derivative.
 pub(super) const ALPHA_MAX: f32 = Rule::SHARP.alpha_max;
-/// A pixel is finished before its transmittance would fall to this.
+/// A pixel is finished when the next Gaussian would reduce its transmittance to this or less; that Gaussian is not
+/// added.
 pub(super) const TRANSMITTANCE_STOP: f32 = 1e-4;
 
 /// Part of the output that belongs to one bin: its rows of pixels.

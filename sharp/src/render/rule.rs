@@ -13,7 +13,7 @@ setting!(
     /// Opacity factor that compensates for the widening by the low-pass, computed from the determinants of the 2D
     /// covariance without (d0) and with it (d1).
     Compensation, "compensation":
-    /// 1.
+    /// Factor 1: opacities are not compensated.
     None = "none",
     /// √(d0/d1).
     Root = "root",
@@ -65,8 +65,8 @@ setting!(
     Support, "support":
     /// All pixels where the Gaussian's alpha reaches 1/255.
     Exact = "exact",
-    /// Only those pixels that are also in tiles of 16×16 pixels overlapped by the square of ⌈3σ⌉ around the Gaussian's
-    /// centre, as in Inria's rasteriser; σ is the larger standard deviation.
+    /// As in Inria's rasteriser, only pixels in tiles of 16×16 pixels that overlap a square around the Gaussian's
+    /// centre. The square extends by ⌈3σ⌉ pixels to each side, where σ is the larger standard deviation.
     Tiles = "tiles",
 );
 
@@ -158,7 +158,7 @@ impl Rule {
         blending: ColorSpace::Linear,
         degree: 0,
     };
-    /// Inria's main rasteriser, which uses only the fields of view.
+    /// Inria's main rasteriser, which ignores the principal point.
     pub const INRIA: Self = Self {
         low_pass: 0.3,
         alpha_max: 0.99,
@@ -258,6 +258,8 @@ impl Rule {
             }
     }
 
+    /// Checks that every choice is in its range.
+    ///
     /// # Errors
     /// [`RuleError::Impossible`] with the choice that is out of range.
     pub fn check(&self) -> Result<(), RuleError> {
@@ -270,11 +272,11 @@ impl Rule {
             ..
         } = self;
         let refused = if !(*low_pass >= 0.0 && low_pass.is_finite()) {
-            format!("low-pass {low_pass} is not finite and at least 0")
+            format!("low-pass {low_pass} is negative or not finite")
         } else if !(*alpha_max > 0.0 && *alpha_max <= 1.0) {
-            format!("alpha-max {alpha_max} is not above 0 and at most 1")
+            format!("alpha-max {alpha_max} must be above 0 and at most 1")
         } else if !(*near > 0.0 && near <= far) {
-            format!("near {near}, far {far} do not satisfy 0 < near ≤ far")
+            format!("near {near} and far {far} must satisfy 0 < near ≤ far")
         } else if *degree > Harmonics::MAX_DEGREE {
             format!("degree {degree} is above {}", Harmonics::MAX_DEGREE)
         } else {

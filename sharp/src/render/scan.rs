@@ -1,7 +1,6 @@
-//! Pass `scan`: exclusive prefix sums of counts, used as the start of each part of a list.
+//! Pass `scan`: exclusive prefix sums of the lengths of a list's parts, i.e. where each part starts.
 
-/// Clears `starts` and fills it with the start of each of the `counts`, followed by the end of the last one: one entry
-/// more than there are counts.
+/// Overwrites `starts` with the start of each part, given the lengths `counts`, followed by the end of the last part.
 pub(super) fn scan(counts: &[u32], starts: &mut Vec<u32>) {
     starts.clear();
     starts.reserve(counts.len() + 1);

@@ -12,7 +12,7 @@ pub struct RenderView {
     /// `camera_from_world`, or the paper's `E_t E_s⁻¹ K_s⁻¹` from the normalised space of a source photograph
     /// ([`crate::camera::target_camera_from_source_ndc`]).
     pub camera_from_scene: DAffine3,
-    /// Intrinsics of the picture to render; pixel centres are at + 0.5.
+    /// Intrinsics of the picture to render; the centre of the first pixel is at (0.5, 0.5).
     pub intrinsics: Intrinsics,
     pub rule: Rule,
 }
@@ -30,11 +30,11 @@ pub struct ShaderConstants {
 }
 
 impl RenderView {
-    /// Low-pass of `sharp render` and `sharp predict`: no low-pass filter. The default.
+    /// Low-pass variance in px² of `sharp render` and `sharp predict`: 0, i.e. no filter. The default.
     pub const EPS2D_RELEASE: f32 = 0.0;
     /// `low_pass_filter_eps` in the release's predictor configuration, which no code uses.
     pub const EPS2D_CONFIG: f32 = 0.01;
-    /// Default of gsplat and of every web viewer; gives a visibly different image.
+    /// Low-pass of gsplat by default and of every web viewer; gives a visibly different image.
     pub const EPS2D_GSPLAT: f32 = 0.3;
     /// Maximum width and height in pixels.
     pub const MAX_SIDE: u32 = MAX_SIDE;
@@ -86,8 +86,7 @@ impl RenderView {
         }
         if ![fx, fy, cx, cy].iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
             return bad(format!(
-                "the intrinsics are not finite with a positive focal length: fx {fx}, fy {fy}, cx \
-                                {cx}, cy {cy}"
+                "intrinsics must be finite, and focal lengths positive, but fx is {fx}, fy {fy}, cx {cx}, cy {cy}"
             ));
         }
         if let Err(refused) = self.rule.check() {

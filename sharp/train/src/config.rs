@@ -67,7 +67,7 @@ pub struct TrainingConfig {
     pub trained: TrainedParts,
     /// True if predicted depth is aligned with the true depth before use (paper, depth adjustment).
     pub aligned: bool,
-    /// Overrides the network's own `alignment_input`, to which parsing moves the value.
+    /// Overrides the network's own `alignment_input`. Parsing moves the value there and leaves `None` here.
     pub alignment_input: Option<AlignmentInput>,
     /// True if disparity that has become zero may recover; see
     /// [`TrainingInput`](sharp::model::training::TrainingInput). Not in the paper, whose network is pretrained.
@@ -102,8 +102,8 @@ pub struct StageConfig {
     pub side: u32,
     #[serde(default)]
     pub data: TrainingData,
-    /// Maximum distance, in metres, between the cameras of a pair from a dataset, and to the second stage's
-    /// pseudo-novel cameras.
+    /// Maximum distance in metres. In the first stage, between the two cameras of a pair from a dataset; in the second
+    /// stage, between a photograph's camera and a pseudo-novel camera.
     #[serde(default = "max_baseline_m")]
     pub max_baseline_m: f64,
     /// Choices about pseudo-novel views; for the second stage.
@@ -371,14 +371,14 @@ impl StageConfig {
             (
                 (1..=1 << 16).contains(&self.batch),
                 "batch",
-                "is not 1 to 65536",
+                "is not between 1 and 65536",
             ),
             (self.steps <= 1 << 32, "steps", "are more than 2^32"),
             (self.clip_norm > 0.0, "clip_norm", "is not positive"),
             (
                 (2..=1 << 13).contains(&self.side),
                 "side",
-                "is not 2 to 8192 pixels",
+                "is not between 2 and 8192 pixels",
             ),
             (is_positive(peak), "schedule.peak", "is not positive"),
             (

@@ -150,6 +150,8 @@ impl WeightSource for Untrained {
 pub(crate) struct Pretrained(Box<dyn WeightSource>);
 
 impl Pretrained {
+    /// Opens a checkpoint of the network of `config`.
+    ///
     /// # Errors
     /// [`ModelError::Checkpoint`]; [`ModelError::Incomplete`] for another network.
     pub(crate) fn open(file: &Path, config: &ModelConfig) -> Result<Self, ModelError> {
@@ -215,8 +217,10 @@ pub(crate) struct TrainedDepth {
 const DEPTH: &str = "monodepth_model.";
 
 impl TrainedDepth {
+    /// Opens a checkpoint. `seed` determines the weights of the Gaussian decoder.
+    ///
     /// # Errors
-    /// [`ModelError::Checkpoint`]; [`ModelError::Incomplete`] for another depth network.
+    /// [`ModelError::Checkpoint`]; [`ModelError::Incomplete`] if `config` has another depth network.
     pub(crate) fn open(file: &Path, config: &ModelConfig, seed: u64) -> Result<Self, ModelError> {
         let rest = Untrained::new(config, seed);
         let sharp = CheckpointSource::open(file)?;

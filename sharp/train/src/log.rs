@@ -68,7 +68,7 @@ impl TrainingLog {
         })
     }
 
-    /// True if the weights at the position of opening were already validated.
+    /// True if the weights at the position passed to [`Self::open`] were already validated.
     pub fn is_validated(&self) -> bool {
         self.after == self.validation.last
     }
@@ -159,7 +159,10 @@ impl Rows {
     fn reaching(self, after: Position) -> Result<Self, LogError> {
         match after.step == 0 || self.last == after {
             true => Ok(self),
-            false => Err(self.other(format!("ends at {}, before {after}", self.last))),
+            false => Err(self.other(format!(
+                "rows are missing: the log ends at {}, before {after}",
+                self.last
+            ))),
         }
     }
 

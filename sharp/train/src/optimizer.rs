@@ -15,7 +15,7 @@ pub struct ParameterState {
     pub shape: Vec<usize>,
     /// Values in C order.
     pub values: Vec<f32>,
-    /// `None` for a frozen parameter.
+    /// Adam's running means; `None` for a frozen parameter.
     pub moments: Option<Moments>,
 }
 

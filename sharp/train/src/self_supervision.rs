@@ -35,8 +35,8 @@ pub struct PseudoViews {
     /// Maximum distance of a pseudo-novel camera from the photograph's, as a fraction of the photograph's median
     /// depth. The camera looks at a point at this depth.
     pub part_of_distance: f64,
-    /// Maximum offset of the point that a camera looks at from the photograph's axis, horizontally
-    /// and vertically, as a fraction of the median depth.
+    /// The point that a camera looks at is off the photograph's axis by at most this fraction of the median depth,
+    /// horizontally and vertically.
     pub part_aside: f64,
     /// Minimum alpha at which losses use a pixel of the rendering.
     pub covered: f32,
@@ -165,7 +165,7 @@ impl Source<Sample> for SelfSupervisedSamples {
     }
 }
 
-/// Separates the random cameras from the random choice of photographs.
+/// Combined with the seed, so that the random cameras are independent of the random choice of photographs.
 const CAMERA_SEED: u64 = 0x5353_4654;
 
 /// A point uniformly distributed in a disc of `radius` around the photograph's camera.

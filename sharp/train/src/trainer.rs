@@ -106,7 +106,7 @@ impl Trainer {
         folder: &Path,
         compute: Compute,
     ) -> Result<Self, TrainingError> {
-        // Check this now rather than after the first stage.
+        // Check the second stage's photographs now rather than after the first stage.
         if let (1.., Some((folder, held_out))) =
             (config.stage2.steps, config.stage2.data.photographs())
         {
@@ -164,7 +164,7 @@ impl Trainer {
         self.objective.perceptual_network()
     }
 
-    /// Number of trained values, and of all values that the network uses.
+    /// Number of trained parameter values, and number of all parameter values that the network uses.
     pub fn parameter_counts(&self) -> (usize, usize) {
         let weights = &self.state.weights;
         let learning = weights.iter().filter(|weights| weights.moments.is_some());

@@ -94,10 +94,7 @@ fn two_depth_maps_of_one_picture_are_noted() {
     let found = read("colmap,depth-unit=1", at);
     let depth = found.views[1].content.depth().unwrap().unwrap();
     assert_eq!(depth, write::depth_of(&scene.views()[1]));
-    has_note(
-        &found.notes,
-        "depth/view_01.npy is read and not view_01.pfm",
-    );
+    has_note(&found.notes, "depth/view_01.npy is read, not view_01.pfm");
 }
 
 #[test]

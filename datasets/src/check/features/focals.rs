@@ -15,8 +15,8 @@ use crate::View;
 const MIN_OF_FOCALS: f64 = 0.85;
 /// Number of focal lengths tried in each direction (up to a factor of 2), then the ratio between consecutive ones.
 const FOCALS: (i32, f64) = (20, 1.0353);
-/// A common factor of fx and fy, which keeps pixels square, is preferred to a factor of one of them, unless the
-/// fraction of matches that it explains is lower by more than this.
+/// A common factor of fx and fy, which keeps pixels square, is preferred to a factor of only one of them. The fraction
+/// of matches that it explains may be lower by at most this.
 const MAX_LOST_BY_SQUARE: f64 = 0.03;
 /// Wrong focal lengths, as factors of the ones read. If the matches determine the focal length, each of these explains
 /// far fewer matches.
@@ -46,8 +46,8 @@ impl Matches<'_> {
         Some((Change::Cameras(text), explained))
     }
 
-    /// The common factor of focal lengths that explains nearly all matches, and significantly more than as read. If
-    /// several do, the factor whose pixels are closest to square.
+    /// The common factor of focal lengths that explains nearly all matches, and significantly more than the focal
+    /// lengths as read. If several factors do, the one whose pixels are closest to square.
     pub(super) fn other_focal(
         &self,
         as_read: &[Option<bool>],
@@ -78,7 +78,7 @@ impl Matches<'_> {
         best.map(|(_, best)| best)
     }
 
-    /// Mean distance of matches from their epipolar lines, as a fraction of [`CLOSE`], with 1 for larger distances.
+    /// Mean distance of matches from their epipolar lines, in units of [`CLOSE`]. Distances above 1 count as 1.
     fn mean_miss(&self) -> f64 {
         let pose = |i: usize| &self.views[i].camera_from_world;
         let misses = self.matches.iter().map(|(i, a, b)| {
@@ -90,8 +90,8 @@ impl Matches<'_> {
         misses.sum::<f64>() / self.matches.len().max(1) as f64
     }
 
-    /// True if the matches do not determine focal lengths: clearly wrong ones explain about as
-    /// many, the fraction `share`.
+    /// True if the matches do not determine focal lengths, because clearly wrong ones explain about as many. `share` is
+    /// the fraction of the matches that those as read explain.
     pub(super) fn leaves_focals_open(&self, share: f64) -> bool {
         let mut others = Focal::ALL
             .iter()
@@ -115,7 +115,8 @@ pub(in crate::check) fn swapped_focals(views: &[View]) -> Option<(String, Vec<DV
     let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
     let factor = |view: &View| kinds[usize::from(is_same(focal(view), kinds[0]))] / focal(view);
     let text = format!(
-        "views with the focal length of {} ({} pixels) and views with that of {} ({}) appear to have each other's",
+        "views with the focal length of {} ({} pixels) and views with that of {} ({}) appear to have each other's \
+         focal length",
         one.id,
         number(kinds[0].x),
         two.id,

@@ -22,11 +22,11 @@ use crate::view::evenly_spaced;
 
 pub(super) use focals::swapped_focals;
 
-/// Maximum width to which views are reduced.
+/// Maximum width of the reduced views, in pixels.
 const WIDEST: u32 = 192;
 /// Number of cells across and down; each gives one feature.
 const CELLS: (u32, u32) = (14, 10);
-/// Radius of the patch around a feature that is compared.
+/// Radius of the patch around a feature that is compared, in pixels.
 const RADIUS: u32 = 3;
 /// Patches match only if their correlation is at least this.
 const MIN_ALIKE: f32 = 0.85;
@@ -34,20 +34,20 @@ const MIN_ALIKE: f32 = 0.85;
 const UNIQUE: f32 = 0.6;
 /// A match lies on its epipolar line if its distance from it is at most this, in pixels.
 const NEAR: f64 = 1.0;
-/// [`NEAR`] for poses that are merely imprecise.
+/// Like [`NEAR`], in pixels, but wide enough for poses that are merely imprecise.
 const CLOSE: f64 = 3.0;
 /// Minimum width and height of reduced views; smaller ones are skipped, because a pixel is too large a fraction of
 /// them.
 const MIN_SIDE: u32 = 48;
-/// Poses are judged only from at least this many matches.
+/// Poses are judged only if there are at least this many matches.
 pub(super) const MIN_MATCHES: usize = 30;
-/// Another interpretation is better only if it explains at least this fraction of the matches.
+/// Another interpretation counts as better only if it explains at least this fraction of the matches.
 const MIN_SHARE: f64 = 0.6;
-/// Another interpretation is better only if the fraction of matches that it explains exceeds the fraction that the
-/// dataset reader's own explains by at least this.
+/// Another interpretation counts as better only if it explains a larger fraction of the matches than the dataset
+/// reader's own, by at least this.
 const MIN_MORE: f64 = 0.2;
-/// Another interpretation is better only if the number of explained matches increases by at least this many standard
-/// errors.
+/// Another interpretation counts as better only if the number of explained matches increases by at least this many
+/// standard errors.
 const MIN_ERRORS: f64 = 4.0;
 /// Maximum number of views whose poses are tried, two at a time, for two pictures.
 const MAX_TRIED: usize = 48;
@@ -191,9 +191,9 @@ impl<'a> Matches<'a> {
         Some(compared(&as_read, &other)?.evidence())
     }
 
-    /// For each view of `starts` whose matches with the next view are not explained by the two views' own poses, the
-    /// poses of other views that explain them. Empty if any pair remains unexplained or two pictures would share a
-    /// pose: among so many poses, some fit by chance.
+    /// Looks for pairs of a view in `starts` and the next view whose own poses do not explain their matches, and
+    /// returns the poses of other views that do, as a sentence with the matches explained. Empty if any such pair
+    /// remains unexplained or two pictures would share a pose: among so many poses, some fit by chance.
     fn all_elsewhere(
         &self,
         starts: &BTreeSet<usize>,
@@ -299,7 +299,7 @@ impl Compared {
     }
 }
 
-/// Compares two interpretations; `None` unless the other one explains significantly more.
+/// Compares two interpretations; `None` if the other one does not explain significantly more.
 fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared> {
     let both = as_read
         .iter()
@@ -323,7 +323,7 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
     })
 }
 
-/// True if a position in the second view may show a point on a ray of the first.
+/// True if the pixel at a position in the second view may show a point on a ray of the first view.
 fn fits(
     second_from_first: &RigidTransform,
     from: DVec3,
@@ -367,7 +367,8 @@ fn miss(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f6
     }
 }
 
-/// In each cell, the pixel with the strongest corner: the smaller of its horizontal and vertical variation is largest.
+/// The pixel of each cell that is most like a corner: the one whose smaller variation, horizontal or vertical, is
+/// largest.
 fn features(grey: &Grey) -> Vec<(u32, u32)> {
     let (w, h) = grey.size();
     let margin = RADIUS + 1;

@@ -8,11 +8,11 @@ use super::super::shapes::{SurfaceShape, turned};
 use super::draft::Draft;
 use super::indoors::Hull;
 
-/// Distance between a surface and a mirror or pane in front of it, so that they do not coincide.
+/// Distance in metres between a surface and a mirror or pane in front of it, so that they do not coincide.
 const GAP_M: f64 = 0.004;
-/// Distance of a hung mirror or window from its wall: in front of doors and pictures.
+/// Distance of a hung mirror or window from its wall in metres, so that it is in front of doors and pictures.
 const HUNG_M: f64 = 0.05;
-/// Largest thickness of the wall around a window, including what hangs on it.
+/// Maximum thickness of the wall around a window in metres, including objects that hang on it.
 const OPENING_M: f64 = 0.3;
 
 /// An upright rectangle. `turn` is the tangent of half its angle of rotation about the vertical; without rotation, its
@@ -54,7 +54,7 @@ impl Panel {
         );
     }
 
-    /// A mirror with a back that is larger than it.
+    /// Adds a mirror on a slightly larger wooden board.
     fn put_mirror(&self, draft: &mut Draft<'_>) {
         let silver = draft.between(0.75, 0.96);
         let tint = DVec3::new(draft.between(0.94, 1.0), 1.0, draft.between(0.92, 1.0));

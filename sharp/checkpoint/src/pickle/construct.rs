@@ -6,7 +6,7 @@ use super::value::{Global, Heap, Storage, Tensor, Value};
 
 /// Maximum number of pairs that all ordered dicts together may copy from lists.
 const MAX_COPIED: usize = 1 << 20;
-/// Maximum length of a storage's key: PyTorch uses counters or addresses.
+/// Maximum length of a storage's key, in bytes. PyTorch uses counters or addresses, which are short.
 const MAX_KEY_LEN: usize = 128;
 
 impl<'a> Heap<'a> {
@@ -20,10 +20,13 @@ impl<'a> Heap<'a> {
             return Ok(function);
         }
         let Value::Global(global) = function else {
-            return malformed!("pickle: {} is called", function.kind());
+            return malformed!("pickle: {} is called as a function", function.kind());
         };
         let Value::Tuple(start, end) = args else {
-            return malformed!("pickle: the arguments of a call are {}", args.kind());
+            return malformed!(
+                "pickle: the arguments of a call are {}, not a tuple",
+                args.kind()
+            );
         };
         let args = &self.tuples[start as usize..end as usize];
         match (global, args) {
@@ -63,7 +66,10 @@ impl<'a> Heap<'a> {
     /// Key-value pairs of a list of two-item lists or tuples, which is how Python 2 pickled ordered dicts.
     fn pairs(&mut self, list: Value<'a>) -> Result<Vec<(Value<'a>, Value<'a>)>, Fault> {
         let Some(items) = self.items(list) else {
-            return malformed!("pickle: an ordered dict of {}", list.kind());
+            return malformed!(
+                "pickle: an ordered dict is built from {}, not from a list",
+                list.kind()
+            );
         };
         // Limit the total copied: this is the only place where one opcode can copy more than it consumes.
         let copied = self.copied + items.len();
@@ -110,7 +116,7 @@ impl<'a> Heap<'a> {
                     Value::None,
                 ],
             ) => (dtype, key, numel),
-            _ => return malformed!("pickle: a persistent id that is not a storage"),
+            _ => return malformed!("pickle: a persistent id does not describe a storage"),
         };
         if key.len() > MAX_KEY_LEN {
             return malformed!(

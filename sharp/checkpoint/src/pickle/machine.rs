@@ -33,7 +33,7 @@ struct Machine<'a, 'h> {
     stack: Vec<Value<'a>>,
     /// Stack height at each open mark; nothing below the last one may be popped.
     marks: Vec<usize>,
-    /// Looked up by number only, never iterated.
+    /// Values that the pickle stored for later use, by number.
     memo: HashMap<u32, Value<'a>>,
     heap: &'h mut Heap<'a>,
 }
@@ -199,7 +199,8 @@ impl<'a> Machine<'a, '_> {
                 let id = u32::from_le_bytes(self.array()?);
                 self.recall(id)?;
             }
-            // Opcodes that instantiate a class; an error unless the class is unknown.
+            // Opcodes that instantiate a class. Unknown classes become placeholders; the supported ones are never
+            // instantiated this way.
             0x81 | 0x92 => {
                 // The arguments; the second opcode also has keyword arguments.
                 self.pop()?;
@@ -280,7 +281,7 @@ impl<'a> Machine<'a, '_> {
         let Some(len) = rest[..limit].iter().position(|&b| b == b'\n') else {
             return match limit == rest.len() {
                 true => Err(Fault::CutOff(self.at)),
-                false => malformed!("pickle: a global's name without an end"),
+                false => malformed!("pickle: the name of a global does not end"),
             };
         };
         let text = self.take(len as u64)?;
@@ -319,10 +320,13 @@ impl<'a> Machine<'a, '_> {
         Ok(())
     }
 
-    /// Replaces the creation of an object: pushes its class, a placeholder, and creates nothing.
+    /// Handles an opcode that creates an object. Nothing is created: the placeholder of its class is pushed instead.
     fn object(&mut self, class: Value<'a>) -> Result<(), Fault> {
         if !matches!(class, Value::Foreign(_)) {
-            return malformed!("pickle: an object of {}", class.kind());
+            return malformed!(
+                "pickle: an object is created from {}, which is not supported",
+                class.kind()
+            );
         }
         self.stack.push(class);
         Ok(())
@@ -348,7 +352,7 @@ impl<'a> Machine<'a, '_> {
     fn pop_mark_start(&mut self) -> Result<usize, Fault> {
         match self.marks.pop() {
             Some(start) => Ok(start),
-            None => malformed!("pickle: no mark"),
+            None => malformed!("pickle: an operation needs a mark, but the stack has none"),
         }
     }
 
@@ -357,7 +361,7 @@ impl<'a> Machine<'a, '_> {
         Ok(self.stack.split_off(start))
     }
 
-    /// Replaces the stack from `start` with a tuple of those values.
+    /// Replaces the values on the stack from `start` on with one tuple of these values.
     fn tuple(&mut self, start: usize) -> Result<(), Fault> {
         let first = self.heap.tuples.len() as u32;
         self.heap.tuples.extend(self.stack.drain(start..));

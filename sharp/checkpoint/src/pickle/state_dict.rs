@@ -16,7 +16,8 @@ pub(crate) struct NamedTensors {
     pub(crate) others: Vec<String>,
 }
 
-/// Selects the state dict in `root`: the object itself if it contains tensors, else the only dict within it that does.
+/// Selects the state dict in `root`. If `root` itself contains tensors, it is the state dict; otherwise, exactly one
+/// dict within it must contain tensors.
 ///
 /// `place` returns the byte range of a storage in the file of `file_len` bytes.
 pub(crate) fn resolve<'a>(
@@ -110,7 +111,7 @@ fn only_nested<'a>(
         [key] => match entries(heap, top[key]) {
             Some(found) if has_tensors(&found) => Ok(found),
             _ => Err(Fault::StateDict(format!(
-                "the tensors under '{key}' have no names"
+                "the keys of the tensors under '{key}' are not strings"
             ))),
         },
         [] if top.is_empty() => Ok(top),

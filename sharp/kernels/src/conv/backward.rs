@@ -28,9 +28,10 @@ pub struct ConvInput<'a> {
     pub relu: bool,
 }
 
-/// Gradient with respect to the weights, in their layout `[out][in][kernel][kernel]`, from the output's gradient
-/// `upstream` (`[rows][columns][out]`, before any ReLU). Sums over 4096 pixels are accumulated in f32, and those
-/// partial sums in f64.
+/// Gradient with respect to the weights, in their layout `[out][in][kernel][kernel]`.
+///
+/// `upstream`, `[rows][columns][out]`, is the gradient with respect to the convolution's result before any ReLU. Sums
+/// over 4096 pixels are accumulated in f32, and those partial sums in f64.
 ///
 /// # Panics
 /// If a length is wrong, or the convolution changes the image's size.
@@ -70,9 +71,8 @@ pub fn weight_gradient(
 
 /// Contribution of some output rows to the weight gradient, `[tap][in][out]`.
 ///
-/// Computed as a matrix product over pixels. With zeros around the image, the input under a tap is
-/// the input shifted by a constant. So each channel is stored as a row, and each tap reads the rows
-/// from a different offset.
+/// Computed as a matrix product over pixels. Each channel of the zero-padded image is stored as one row. The pixels
+/// that a tap of the kernel reads are then the same row at a different offset, so nothing is copied per tap.
 fn part_of_weight_gradient(
     simd: Simd,
     spec: ConvSpec,
@@ -217,7 +217,7 @@ fn keeps_size(spec: &ConvSpec) -> bool {
     spec.stride == 1 && spec.kernel == 2 * spec.padding + 1
 }
 
-/// Zeroes the gradient wherever the rectified value is not positive.
+/// Backward pass of a ReLU: zeroes `gradient` wherever `value`, its output, is not positive.
 ///
 /// # Panics
 /// If the lengths differ.

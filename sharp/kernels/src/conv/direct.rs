@@ -69,7 +69,8 @@ impl Direct {
         };
     }
 
-    /// Elements `ks` of the patch under output pixel (`y`, `x`): zeros beyond the image.
+    /// Copies elements `ks` of the input patch under output pixel (`y`, `x`) to `dst`. Elements beyond the image are
+    /// zero.
     #[inline(always)]
     fn copy_patch(
         &self,

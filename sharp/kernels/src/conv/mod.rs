@@ -56,8 +56,8 @@ impl ConvSpec {
 pub enum Algorithm {
     /// Direct sum of products.
     Direct,
-    /// Winograd's F(4×4, 3×3), with a quarter of the multiplications, for 3×3 kernels of stride 1 and padding 1 whose
-    /// input channels are a multiple of 16. Other convolutions fall back to [`Self::Direct`]. Rounding errors are about
+    /// Winograd's F(4×4, 3×3), with a quarter of the multiplications. Supports 3×3 kernels with stride 1, padding 1 and
+    /// a multiple of 16 input channels; other convolutions fall back to [`Self::Direct`]. Rounding errors are about
     /// five times those of the direct sum (relative L2 below 5e-6, typically 6e-7).
     Winograd,
 }

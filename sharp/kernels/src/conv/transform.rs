@@ -102,11 +102,11 @@ fn output_1d<const FMA: bool>(m: [&[f32; LANES]; 6]) -> [ChannelLanes; 4] {
 /// channels, then tiles.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InputLayout {
-    /// Distance between tiles.
+    /// Distance between tiles, in elements.
     pub(super) tile: usize,
-    /// Distance between runs.
+    /// Distance between runs, in elements.
     pub(super) run: usize,
-    /// Distance between places.
+    /// Distance between places, in elements.
     pub(super) place: usize,
 }
 
@@ -163,7 +163,7 @@ fn input_body<const FMA: bool>(
     }
 }
 
-/// Inputs of the output transform other than the products.
+/// Where and how the output transform writes one tile.
 pub(super) struct OutputTile<'a> {
     /// Padded to a multiple of [`LANES`].
     pub(super) bias: &'a [f32],

@@ -27,8 +27,8 @@ pub(super) struct Winograd {
     simd: Simd,
     in_channels: usize,
     out_channels: usize,
-    /// One matrix of input by output channels per place of a transformed tile. The output channels are padded to whole
-    /// panels and a multiple of [`LANES`].
+    /// For each place of a transformed tile, a matrix of input by output channels. The output channels are padded to
+    /// whole panels and a multiple of [`LANES`].
     filters: Vec<PackedMatrix>,
     /// Padded like the output channels of `filters`.
     bias: Aligned,

@@ -157,6 +157,8 @@ struct Part<'a> {
 }
 
 impl Part<'_> {
+    /// Copies the part from the output to `tile`, whose rows are `nr` apart.
+    ///
     /// # Safety
     /// No other thread may access these elements of `out`.
     unsafe fn gather(&self, out: &SharedOut<'_>, tile: &mut [f32], nr: usize) {
@@ -166,6 +168,8 @@ impl Part<'_> {
         }
     }
 
+    /// Copies the part from `tile`, whose rows are `nr` apart, to the output.
+    ///
     /// # Safety
     /// As [`Self::gather`].
     unsafe fn scatter(&self, tile: &[f32], nr: usize, out: &SharedOut<'_>) {

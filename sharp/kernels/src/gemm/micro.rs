@@ -1,8 +1,8 @@
 //! Microkernels: a tile of `mr` × `nr` products, one kernel per instruction set.
 //!
 //! `A` is stored row by row, `STRIDE` floats apart; `B` is packed, `nr` columns per step of k. The row distance is a
-//! constant so that every row is addressed from one pointer. It is a multiple of a cache line plus one line, so that
-//! the rows of a tile map to different cache sets.
+//! constant so that every row is addressed from one pointer. It is a power of two plus one cache line, so that the rows
+//! of a tile map to different cache sets.
 
 use crate::simd::{InstructionSet, Simd};
 
@@ -27,9 +27,11 @@ fn index_for(k: usize) -> usize {
     }
 }
 
-/// `c = a b + init` for a whole tile. The sum over k is completed before `init` is added, so that a sum over several
-/// runs is a sum of short sums. Arguments: the number of steps `k`; `a`, `b`; `c` and the distance between its rows;
-/// `init` and the distance between its rows (0 to use one row for all).
+/// Computes `c = a b + init` for a whole tile. The sum over k is completed before `init` is added, so that a sum over
+/// several runs of k is a sum of short sums.
+///
+/// Arguments: the number of steps `k`; `a`; `b`; `c` and the distance between its rows; `init` and the distance between
+/// its rows (0 to use one row for all).
 ///
 /// # Safety
 /// `a` must be readable for `mr` rows of `k`, `b` for `k * nr`, and `init` for `mr` rows of `nr`; `c` must be writable
@@ -50,7 +52,7 @@ impl MicroTile {
     pub(crate) const MAX: usize = 14 * 32;
 
     pub(crate) fn of(simd: Simd) -> Self {
-        /// One kernel per row distance.
+        /// A kernel for each row distance in `STRIDES`.
         macro_rules! kernels {
             ($kernel:path) => {{
                 use $kernel as kernel;
@@ -119,8 +121,8 @@ unsafe fn portable<const STRIDE: usize>(
 mod x86 {
     use std::arch::x86_64::*;
 
-    /// Number of steps by which `B` is prefetched. Prefetching beyond the end is useful because the next panel follows
-    /// this one. Saves a tenth of the time if `B` is read from the last-level cache.
+    /// Number of steps of k by which `B` is prefetched. Prefetching beyond a panel's end is useful because the next
+    /// panel follows it in memory. Saves a tenth of the time if `B` is read from the last-level cache.
     const AHEAD: usize = 32;
 
     /// Defines a kernel for a tile of `$rows` rows by two vectors of `$lanes` columns. Each row has two accumulators

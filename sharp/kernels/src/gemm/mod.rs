@@ -34,12 +34,13 @@ pub enum Epilogue<'a> {
     ResidualRelu(&'a [f32]),
 }
 
-/// Maximum rows of a task. Their runs of k fill a large part of a 1 MiB L2 cache, and the weights
-/// are read once for all of them.
+/// Maximum number of rows of a task. The inputs of this many rows, up to `KC` per row at a time, fill a large part of a
+/// 1 MiB L2 cache. The weights are read once for all of these rows.
 pub(crate) const MAX_TASK_ROWS: usize = 296;
-/// Maximum columns of a task. Each task copies the rows it needs, so fewer columns would repeat that copy more often.
+/// Maximum number of columns of a task. Each task copies the rows it needs, so narrower tasks would repeat that copy
+/// more often.
 const MAX_COLUMNS: usize = 2048;
-/// Minimum columns of a task when splitting to keep all threads busy.
+/// Minimum number of columns of a task. Tasks are not split further, even if some threads have no work.
 const FEWEST_COLUMNS: usize = 128;
 
 /// Partition of a product into equally sized tasks of whole tiles. It affects only speed.
@@ -50,7 +51,7 @@ struct Tasks {
     m: usize,
 }
 
-/// A number of tile rows or panels, cut into equal shares of one task each; the last share may be smaller.
+/// Splits a number of row tiles or panels into equal shares, one per task. The last share may be smaller.
 struct TaskCut {
     total: usize,
     share: usize,

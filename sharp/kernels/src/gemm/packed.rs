@@ -122,7 +122,8 @@ impl PackedView<'_> {
     }
 }
 
-/// Packs into `data`. Padding columns must already be zero, or the caller must ignore them.
+/// Packs a matrix into `data`. Padding columns are not written: they must already be zero, or the caller must ignore
+/// them.
 #[inline(always)]
 pub(crate) fn pack_into(
     data: &mut [f32],

@@ -28,7 +28,7 @@ const HEADER: usize = 16;
 const WIDE_HEADER: usize = 32;
 /// Flag of files made for an antialiased rasteriser.
 const ANTIALIASED: u8 = 1;
-/// Step of a stored colour coefficient, times 255.
+/// A stored byte b is the colour coefficient (b / 255 − 0.5) / `COLOR_SCALE`.
 const COLOR_SCALE: f32 = 0.15;
 
 fn damaged(what: impl Into<String>) -> PlyReason {
@@ -81,7 +81,7 @@ impl Header {
     }
 }
 
-/// Reads a file that starts like gzip or SPZ 4.
+/// Reads a file that starts like a gzip stream (SPZ 1 to 3) or like SPZ 4.
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     let (header, blocks) = match bytes.starts_with(&MAGIC) {
         true => zstd_blocks(bytes)?,
@@ -159,7 +159,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     Ok(out)
 }
 
-/// The two highest bits identify the largest of x, y, z, w, which is positive; the others follow as sign and magnitude.
+/// Decodes a quaternion. The two highest bits identify the largest of x, y, z, w, which is positive; the other
+/// components follow as sign and magnitude.
 fn rotation_of(packed: u32) -> [f32; 4] {
     let largest = (packed >> 30) as usize;
     let mut xyzw = [0.0_f64; 4];
@@ -191,7 +192,7 @@ fn gzip_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
     begun.map_err(|error| damaged(unfolding(&error)))?;
     let header = Header::parse(&start)?;
     if header.version == 4 {
-        return Err(damaged("version 4 within gzip"));
+        return Err(damaged("version 4 must not be packed by gzip"));
     }
     let sizes = header
         .blocks()
@@ -214,7 +215,7 @@ fn zstd_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
     let start: &[u8; WIDE_HEADER] = bytes.first_chunk().ok_or_else(cut)?;
     let header = Header::parse(start.first_chunk().ok_or_else(cut)?)?;
     if header.version != 4 {
-        let what = format!("version {} without gzip", header.version);
+        let what = format!("version {} must be packed by gzip", header.version);
         return Err(damaged(what));
     }
     let wanted = if header.degree == 0 { 5 } else { 6 };
@@ -239,7 +240,7 @@ fn zstd_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
         let expected = header.count.saturating_mul(size);
         if raw != expected {
             let what = format!(
-                "a stream of {raw} bytes where {} Gaussians need {expected}",
+                "a stream of {raw} bytes, but {} Gaussians need {expected}",
                 header.count
             );
             return Err(damaged(what));

@@ -69,8 +69,8 @@ impl FrozenConvolution {
         if self.dilation == 1 {
             return self.dense(x, residual, relu);
         }
-        // Pixels whose coordinates differ by non-multiples of the dilation never interact. They form `dilation²`
-        // separate images, which are placed side by side with zeros between them and convolved as one.
+        // A dilated kernel only combines pixels whose distances are multiples of the dilation. So the image consists of
+        // `dilation²` independent images, which are placed side by side with zeros between them and convolved as one.
         let (_, height, width, _) = x.dims4()?;
         let residual = residual.map(|residual| self.apart(residual)).transpose()?;
         let y = self.dense(&self.apart(x)?, residual.as_ref(), relu)?;

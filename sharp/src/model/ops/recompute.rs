@@ -1,5 +1,5 @@
-//! Parts of a network that are computed again in the backward pass, so that their intermediate tensors are not kept until
-//! then.
+//! Parts of a network that are computed again in the backward pass, so that their intermediate tensors are not kept
+//! until then.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -27,8 +27,8 @@ impl Recompute {
         }
     }
 
-    /// Returns `part(inputs)`, for one to three inputs. The backward pass runs `part` again, so it must return the same
-    /// values then.
+    /// Returns `part(inputs)`, for one to three inputs. `part` must be deterministic, because the backward pass runs it
+    /// again.
     pub(in crate::model) fn run(
         &self,
         inputs: &[&Tensor],

@@ -67,7 +67,7 @@ impl Linear {
         apply(self.kernels, fused, &[x])
     }
 
-    /// `x` plus the layer's output for `y`; reuses the memory of `x` unless training.
+    /// `x` plus the layer's output for `y`. Outside training, the memory of `x` is reused.
     pub(in crate::model) fn add_to(&self, x: Tensor, y: &Tensor) -> Result<Tensor> {
         match &self.weights {
             Some(weights) => apply(self.kernels, self.product.clone(), &[y, weights, &x]),

@@ -21,7 +21,7 @@ use super::predictor::{Planes, planes_of};
 use crate::image_file::focal::{Focal, FocalSource, focal_px_from_35mm};
 use crate::image_file::{self, AlphaRule, OrientationRule, PictureRules};
 
-/// Focal lengths below this number of picture widths, a field of view of 136 degrees, give a warning.
+/// A focal length below this multiple of the picture's width (a field of view above 136 degrees) gives a warning.
 const MIN_WIDTHS: f64 = 0.2;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -145,7 +145,7 @@ fn photo_from_bytes(
     };
     if !(focal_px.is_finite() && focal_px > 0.0) {
         return refuse(format!(
-            "the focal length is not finite and positive: {focal_px} pixels"
+            "the focal length must be finite and positive, but is {focal_px} pixels"
         ));
     }
     if focal_source == FocalSource::Given && focal_px < MIN_WIDTHS * width as f64 {

@@ -21,8 +21,8 @@ pub struct StageComparison {
     pub note: Option<String>,
 }
 
-/// All stages of a recording: first those that were computed, in order of computation, then those that were not, whose
-/// error is infinite.
+/// All stages of a recording: first the stages that were computed, in order of computation; then the others, with an
+/// infinite error.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RecordingComparison {
     pub stages: Vec<StageComparison>,
@@ -42,8 +42,8 @@ impl RecordingComparison {
     }
 }
 
-/// A stage that is not compared, because the signs of quaternions depend on the decomposition.
-/// Covariances are compared instead.
+/// A stage that is not compared: the signs of quaternions depend on how covariances were decomposed. Covariances are
+/// compared instead.
 const GAUGE: &str = "world.quaternions";
 /// The recording's known depth, an input of the alignment network rather than an output.
 const KNOWN_DEPTH: &str = "alignment.gt_depth";

@@ -164,7 +164,7 @@ fn columns(element: &Element, names: &[&'static str]) -> Result<Vec<usize>, PlyR
     Ok(found.filter_map(|(_, column)| column).collect())
 }
 
-/// Fractions 0..1 along x, y and z.
+/// Unpacks fractions 0..1 along x, y and z, stored in 11, 10 and 11 bits.
 fn shares_11_10_11(packed: u32) -> [f64; 3] {
     [
         f64::from(packed >> 21) / 2047.0,
@@ -173,7 +173,8 @@ fn shares_11_10_11(packed: u32) -> [f64; 3] {
     ]
 }
 
-/// The two highest bits identify the largest of w, x, y, z, which is positive; the others follow.
+/// Decodes a quaternion. The two highest bits identify the largest of w, x, y, z, which is positive; the other
+/// components follow.
 fn rotation_of(packed: u32) -> [f32; 4] {
     let largest = (packed >> 30) as usize;
     let mut quaternion = [0.0_f64; 4];

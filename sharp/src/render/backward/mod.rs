@@ -276,8 +276,8 @@ pub fn covariances(scene: &Gaussians, view: &RenderView) -> Result<Vec<[f64; 3]>
         .collect())
 }
 
-/// Adds to `out` the scene gradient that corresponds to a gradient of [`covariances`]. uv occurs twice in the matrix
-/// but once here.
+/// Adds to `out` the scene gradient that corresponds to `gradient`, the gradient with respect to the entries returned
+/// by [`covariances`]. The gradient with respect to uv includes both off-diagonal elements of the matrix.
 ///
 /// # Errors
 /// As for [`CpuRenderer::backward`]; [`RenderError::View`] also if a length differs from the scene's.
@@ -292,7 +292,7 @@ pub fn backward_covariances(
     check_rule(view)?;
     if [gradient.len(), out.len()] != [scene.len(); 2] {
         return Err(RenderError::View(format!(
-            "{} gradients of covariances into {} for {} Gaussians",
+            "{} gradients of covariances and {} outputs for {} Gaussians",
             gradient.len(),
             out.len(),
             scene.len()

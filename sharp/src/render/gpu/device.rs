@@ -5,8 +5,8 @@ use super::GpuAdapter;
 use super::memory::{GpuBuffer, Memory};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// Limit of a sub-frame's largest binding even if the adapter allows more: limits device memory to about half a
-/// gigabyte for a picture of any size.
+/// Maximum size in bytes of a sub-frame's largest binding, even if the adapter allows more. It limits device memory to
+/// about half a gigabyte for a picture of any size.
 const WINDOW: u64 = 128 << 20;
 
 /// A device and its queue. wgpu reports errors by callback; [`Self::check`] returns the most severe one.
@@ -119,7 +119,8 @@ impl Gpu {
         DeviceFault::Memory(what).at(&self.adapter)
     }
 
-    /// Submits the commands, waits, and passes the first bytes of each staging buffer (as many as given) to `read`.
+    /// Submits the commands, waits, and reads back staging buffers. `staged` lists each buffer with the number of bytes
+    /// to read from its start; `read` receives its index in this list and these bytes.
     pub(super) fn finish(
         &self,
         encoder: wgpu::CommandEncoder,

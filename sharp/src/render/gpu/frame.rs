@@ -236,7 +236,8 @@ impl Frame<'_> {
         Ok(total)
     }
 
-    /// Emits pairs, sorts them by tile and finds the ranges; returns the half of the buffers that contains the lists.
+    /// Emits the pairs of tile and Gaussian, sorts them by tile, and finds each tile's range. Returns the index (0 or
+    /// 1) of the half of the buffers that contains the sorted pairs.
     pub(super) fn list(
         &self,
         encoder: &mut wgpu::CommandEncoder,

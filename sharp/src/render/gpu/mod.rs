@@ -119,7 +119,7 @@ impl LoadedScene for Uploaded<'_> {
 }
 
 impl Uploaded<'_> {
-    /// Draws a view. The returned picture is black unless its pixels are `copied` to the host.
+    /// Draws a view. If `copied` is false, the pixels stay on the device and the returned picture is black.
     fn frame(&mut self, view: &RenderView, copied: bool) -> Result<RenderOutput, RenderError> {
         view.check()?;
         let renderer = &mut *self.renderer;

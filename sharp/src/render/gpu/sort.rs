@@ -12,7 +12,8 @@ const RADIX_BLOCK: u32 = 4096;
 /// Entries per block of the scan.
 const SCAN_BLOCK: u32 = 1024;
 
-/// Buffers of a scan other than its data: the sums of its blocks, the sums of their blocks, ….
+/// Prefix sums on the device. `levels` are the sums of the blocks of the data, the sums of the blocks of those sums,
+/// and so on.
 pub(super) struct Scan {
     levels: Vec<GpuBuffer>,
 }
@@ -61,7 +62,7 @@ impl Scan {
         (staged, bytes)
     }
 
-    /// Scans each block by itself and writes its sum at `level`.
+    /// Scans each block by itself and writes the blocks' sums to `levels[level]`.
     fn blocks(
         &self,
         gpu: &Gpu,

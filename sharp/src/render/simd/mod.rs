@@ -52,8 +52,8 @@ pub(super) trait Lanes: Copy {
     fn neg_mul_add(self, b: Self, c: Self) -> Self;
     fn min(self, other: Self) -> Self;
     fn max(self, other: Self) -> Self;
-    /// Adds the low nine bits of `n`'s representation to the exponent, i.e. multiplies by 2ⁿ for an integer that was
-    /// made by adding 1.5 · 2²³.
+    /// Multiplies by 2ᵏ, where `n` is k + 1.5 · 2²³ for an integer k: adds the low nine bits of `n`'s representation to
+    /// the exponent.
     fn scaled_by_low_bits(self, n: Self) -> Self;
     fn le(self, other: Self) -> Self::Mask;
     /// Lanes of `mask` in which `self > other`.

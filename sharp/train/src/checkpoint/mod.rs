@@ -43,8 +43,8 @@ pub enum StateError {
     #[error("{}: not a training state: its header has no valid `{key}`", path.display())]
     NotAState { path: PathBuf, key: &'static str },
     #[error(
-        "{}: written with another configuration (hash {found}, now {expected}), because a file named in the \
-         configuration, or the program, has changed; use another folder",
+        "{}: written with another configuration (hash {found}, now {expected}): a setting, a file named in the \
+         configuration, or the program has changed; use another folder",
         path.display()
     )]
     OtherConfig {

@@ -23,11 +23,11 @@ pub enum DataError {
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// The dataset has no depth for a view's picture.
-    #[error("{}: no depth belongs to this picture", image.display())]
+    #[error("{}: the dataset has no depth for this picture", image.display())]
     NoDepth { image: PathBuf },
     #[error(
-        "{dataset}: no two views of a scene have depth, are within {limit_m} m (`max_baseline_m`) of each other, and \
-         differ in pose{}",
+        "{dataset}: no pair of views qualifies; two views of a scene must have depth, different poses, and a distance \
+         of at most {limit_m} m (`max_baseline_m`){}",
         left_out.iter().map(|reason| format!("; {reason}")).collect::<String>()
     )]
     NoPair {
@@ -40,7 +40,7 @@ pub enum DataError {
     NoPicture { folder: PathBuf },
     /// Too few files and subfolders to hold one out.
     #[error(
-        "{}: with {count} files and subfolders that have pictures, none is held out; `split.held_out` is {every}",
+        "{}: too few files and subfolders with pictures ({count}) to hold out one in {every} (`split.held_out`)",
         folder.display()
     )]
     Unsplit {

@@ -31,7 +31,7 @@ fn is_held_out(index: usize, every: Option<usize>) -> bool {
     every.is_some_and(|every| (index + 1).is_multiple_of(every))
 }
 
-/// Files and subfolders directly in a folder that are held out of training if every `every`-th one is.
+/// The files and subfolders directly in a folder that are held out of training: every `every`-th one that has pictures.
 ///
 /// # Errors
 /// [`DataError::Dataset`] if the folder cannot be read.
@@ -41,7 +41,7 @@ pub fn held_out_entries(folder: &Path, every: usize) -> Result<Vec<PathBuf>, Dat
     Ok(held_out.map(|(_, (path, _))| path).collect())
 }
 
-/// Files and subfolders directly in a folder that have pictures, with these pictures as in [`FolderPhotographs`].
+/// The files and subfolders directly in a folder that have pictures, each with its [`Pictures`].
 fn entries(folder: &Path) -> Result<Vec<(PathBuf, Pictures)>, DataError> {
     let mut all = Vec::new();
     find(folder, "", &mut all)?;
@@ -56,8 +56,8 @@ fn entries(folder: &Path) -> Result<Vec<(PathBuf, Pictures)>, DataError> {
     Ok(entries)
 }
 
-/// Adds the pictures below `folder`, whose own path below the top is `inside`. Links to folders are not followed,
-/// because they may form a cycle.
+/// Adds the pictures below `folder` to `found`. `inside` is the path of `folder` relative to the top folder, and ends
+/// with `/` unless empty. Links to folders are not followed, because they may form a cycle.
 fn find(folder: &Path, inside: &str, found: &mut Pictures) -> Result<(), DataError> {
     for (name, path) in files::list(folder)? {
         let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
@@ -141,7 +141,7 @@ pub struct ProceduralPhotographs {
     worlds: TrainingWorlds,
 }
 
-/// Separates the scenes used as photographs from those that a first stage with the same seed uses.
+/// Combined with the seed, so that the photographs show other scenes than those of a first stage with the same seed.
 const PHOTOGRAPH_SEED: u64 = 0x5048_4f54;
 
 impl ProceduralPhotographs {

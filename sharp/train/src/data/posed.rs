@@ -104,7 +104,7 @@ impl PosedSamples {
     }
 }
 
-/// Procedural views are not files and always have depth.
+/// True if the view has depth: a depth file, or it is procedural rather than read from files.
 fn has_depth(view: &View) -> bool {
     let mut files = view.content.files_by_role().into_iter();
     view.content.image_file().is_none() || files.any(|(role, _)| role == FileRole::Depth)

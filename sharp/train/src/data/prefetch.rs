@@ -16,8 +16,8 @@ pub struct Prefetcher<T> {
 }
 
 impl<T: Send + 'static> Prefetcher<T> {
-    /// Starts with sample `first`; up to `ahead` samples (at least 1) are buffered. The source runs on a single thread,
-    /// even if it could use several, so that the other threads are free for training.
+    /// Starts to prepare samples, beginning with `first`. Up to `ahead` samples (at least 1) are buffered. The source
+    /// runs on a single thread, even if it could use several, so that the other threads are free for training.
     ///
     /// # Errors
     /// [`DataError::Start`] if the thread cannot be started.

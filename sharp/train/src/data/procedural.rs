@@ -22,8 +22,7 @@ pub struct ProceduralSamples {
     worlds: TrainingWorlds,
 }
 
-/// The worlds that training scenes are from. A sample has the same seed and cameras with either
-/// choice.
+/// The worlds from which training scenes are taken. The choice does not affect a sample's seed and cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrainingWorlds {
     Varied,

@@ -23,9 +23,9 @@ pub struct TrainingView {
 }
 
 impl TrainingView {
-    /// Reads a view and resizes it: pictures with OpenCV's area kernel, depth by the nearest pixel.
-    /// The aspect ratio may change, as for the network's input. A resized pixel is excluded if any
-    /// pixel that contributes to it is.
+    /// Reads a view and resizes it: pictures with OpenCV's area kernel, depth by the nearest pixel. The aspect ratio
+    /// may change, as for the network's input. A resized pixel is excluded if any of the pixels that it is computed
+    /// from is excluded.
     ///
     /// # Errors
     /// [`DataError::Dataset`] if the view cannot be read; [`DataError::NoDepth`] if it has no depth;

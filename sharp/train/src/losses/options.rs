@@ -109,9 +109,9 @@ pub struct LossOptions {
     pub color_channels: Channels,
     /// Views of `alpha`: the equation sums both views, the text mentions the input view.
     pub alpha_views: AlphaViews,
-    /// Minimum alpha in the logarithm; no gradient below.
+    /// Lower limit (0..1) of alpha before its logarithm is taken. The gradient is zero where alpha is lower.
     pub alpha_floor: f64,
-    /// Units of `depth`.
+    /// Units of inverse depth in `depth`.
     pub depth_units: InverseDepthUnits,
     /// Treatment of sky in the mask of the novel view ([`sharp::frustum_mask`]).
     pub mask_sky: MaskSky,
@@ -125,13 +125,13 @@ pub struct LossOptions {
     pub grad_difference: Difference,
     /// Norm |∇| of `grad`.
     pub grad_norm: GradientNorm,
-    /// Units of `grad`, whose thresholds are meant for values in 0.01..1.
+    /// Units of inverse depth in `grad`. Its thresholds are meant for values in 0.01..1.
     pub grad_units: InverseDepthUnits,
     /// Measure of a 2D covariance that `splat` bounds.
     pub splat_variance: SplatVariance,
     /// View in which `splat` projects.
     pub splat_view: SplatView,
-    /// Picture width in pixels that defines the px² of `splat`, whatever width is rendered.
+    /// `splat` measures variances in px² of a picture of this width in pixels, whatever width is rendered.
     pub splat_width: f64,
     /// Reduction of the map by two in ∇scale.
     pub scale_pooling: ScalePooling,

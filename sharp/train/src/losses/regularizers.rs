@@ -105,8 +105,8 @@ fn at_edges(opacity: &[f32], edge: impl Fn(usize) -> f64 + Sync) -> Loss<f32> {
 }
 
 /// [`grad`] with ∇(1/D̄) of the depth at full resolution, taken where each base Gaussian is projected
-/// ([`GradAt::Projected`](super::GradAt)). That is the middle of the square of pixels that it represents, so the
-/// differences of those pixels are averaged.
+/// ([`GradAt::Projected`](super::GradAt)). A base Gaussian projects to the middle of the square of pixels that it
+/// represents, so its ∇ is the mean over those pixels.
 ///
 /// `depth`, in metres, has rows of `side` pixels, `[layers, side, side]`, and so has its gradient; `opacity` is
 /// `[layers, columns, columns]`.
@@ -183,10 +183,10 @@ pub fn delta(raw: &[f32]) -> Loss<f32> {
     })
 }
 
-/// E_i[max(v − 100, 0) + max(0.1 − v, 0)], with v the variances of each Gaussian's 2D covariance in the px² of
-/// [`LossOptions::splat_width`]. The gradient is with respect to the entries uu, uv, vv, as returned by
-/// [`covariances`](sharp::render::covariances) for a picture of `width` pixels; uv occurs twice in the matrix but once
-/// here. All centres must be in front of the camera.
+/// E_i[max(v − 100, 0) + max(0.1 − v, 0)], with v the variances of each Gaussian's 2D covariance, in px² of a picture
+/// whose width is [`LossOptions::splat_width`]. The gradient is with respect to the entries uu, uv, vv, as returned by
+/// [`covariances`](sharp::render::covariances) for a picture of `width` pixels. The gradient with respect to uv
+/// includes both off-diagonal elements of the matrix. All centres must be in front of the camera.
 pub fn splat(covariances: &[[f64; 3]], width: u32, options: &LossOptions) -> Loss<[f64; 3]> {
     let unit = (options.splat_width / f64::from(width)).powi(2);
     let share = 1.0 / covariances.len().max(1) as f64;

@@ -11,13 +11,13 @@ pub(super) struct Terms<'a> {
     pub(super) features: f64,
     pub(super) gram: f64,
     pub(super) gram_per_pixel: bool,
-    /// Per-pixel weight that multiplies the features first.
+    /// Weight of each pixel, by which its features are multiplied before they are compared.
     pub(super) weight: Option<&'a [f32]>,
 }
 
 impl Terms<'_> {
-    /// `k ‖F̂ − F‖²/(D·H·W) + j ‖M̂ − M‖²/D²` with `M = Fᵀ F/(H·W)`, or without this divisor, for F of
-    /// `H·W` rows and D columns, and its gradient with respect to F̂.
+    /// The value and the gradient with respect to F̂ of `k ‖F̂ − F‖²/(D·H·W) + j ‖M̂ − M‖²/D²`, for F of `H·W` rows and
+    /// D columns. M is `Fᵀ F`, divided by `H·W` if `gram_per_pixel` is set.
     pub(super) fn compare(
         &self,
         [predicted, target]: [&[f32]; 2],

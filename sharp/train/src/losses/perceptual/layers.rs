@@ -6,7 +6,7 @@ use sharp::model::{Compute, FrozenConvolution, max_pool};
 pub(super) enum Layer {
     /// A convolution, followed by ReLU.
     Convolution(FrozenConvolution),
-    /// Side of the windows, and width of the padding.
+    /// Max pooling: side of the windows, and width of the padding, in pixels.
     MaxPool(usize, usize),
     /// ResNet's block: 1×1, 3×3 and 1×1 convolutions, added to the input, which is projected by a 1×1 convolution if
     /// its shape changes. ReLU after each convolution and at the end (He et al. 2016, figure 5).

@@ -28,8 +28,8 @@ use sharp_checkpoint::{CheckpointError, Incomplete};
 use sharp_metrics::{Weights, WeightsError};
 use std::path::PathBuf;
 
-/// Views on which the loss is computed. The paper's equation uses the novel view, its remark on
-/// memory both views.
+/// Views on which the loss is computed. The paper is ambiguous: its equation uses the novel view, but its remark on
+/// memory mentions both views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PerceptualViews {
@@ -194,7 +194,7 @@ impl Perceptual {
         let picture = Var::from_tensor(&input(predicted)?)?;
         let (mut x, mut y) = (picture.as_tensor().clone(), input(target)?);
         let mut value = 0.0;
-        // Input and output of each group's end, with the gradient there.
+        // The features at the end of each group, with the gradient with respect to them.
         let mut pulled = Vec::new();
         for layers in &self.network.groups {
             for layer in layers {
