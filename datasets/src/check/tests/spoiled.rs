@@ -391,6 +391,39 @@ fn pairs_whose_disparity_is_something_else_are_named() {
     }
 }
 
+/// The right picture was cropped, so that depths are positive with negated disparities, too.
+#[test]
+fn negated_disparities_are_named() {
+    let product = 4.0 * BASELINE_M * FOCAL;
+    for seed in 0..2 {
+        let depth = pair(seed)[0].content.depth().unwrap().unwrap();
+        let nearest = depth
+            .iter()
+            .filter(|z| **z > 0.0)
+            .fold(f32::MAX, |a, b| a.min(*b));
+        let offset = (0.55 * product / f64::from(nearest)).ceil();
+        let right = pair_of(seed, 1, (4.0 * BASELINE_M, 79.5 + offset));
+        assert_eq!(of_pair(right.clone()).0, "", "{seed}");
+        let mut wrong = right;
+        let (product, offset) = (product as f32, offset as f32);
+        // The points with positive disparities, which are negative when negated.
+        change(&mut wrong, |content| {
+            content.each(|z| {
+                if product / z > offset {
+                    product / (2.0 * offset - product / z)
+                } else {
+                    0.0
+                }
+            });
+        });
+        let (said, _) = of_pair(wrong);
+        assert!(
+            said.contains("the disparities are negated"),
+            "{seed}: {said}"
+        );
+    }
+}
+
 /// The right picture was cropped `by` columns further right than its camera states.
 #[test]
 fn pairs_cropped_at_different_columns_are_named() {
