@@ -79,14 +79,15 @@ impl<'a> Matches<'a> {
         let mut matches = Vec::new();
         for i in firsts {
             if let (Some(a), Some(b)) = (grey.get(&i), grey.get(&(i + 1))) {
-                let patches = patches(b);
+                let [patches_a, patches_b] = [a, b].map(patches);
                 let found = features(a).into_iter().filter_map(|at| {
                     let place = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                    Some((
-                        i,
-                        place(at),
-                        place(matching(&patch(a, at), at, b.size(), &patches)?),
-                    ))
+                    let found = matching(&patch(a, at), at, b.size(), &patches_b);
+                    let (to, _) = found.filter(|(_, is_unique)| *is_unique)?;
+                    // In a repeated pattern, another repetition may match best. Its own best match shows that it lies
+                    // elsewhere in the first picture.
+                    let (back, _) = matching(&patch(b, to), to, a.size(), &patches_a)?;
+                    (!is_apart(back, at)).then(|| (i, place(at), place(to)))
                 });
                 matches.extend(found);
             }
@@ -426,14 +427,19 @@ fn patches(grey: &Grey) -> Vec<[f32; PATCH]> {
     all.map(|at| patch(grey, at)).collect()
 }
 
-/// The pixel of another view that uniquely matches a patch, searched within a quarter of the picture around the patch's
-/// position.
+/// True if the patches around two pixels are not those of one feature.
+fn is_apart(one: (u32, u32), other: (u32, u32)) -> bool {
+    one.0.abs_diff(other.0).max(one.1.abs_diff(other.1)) > RADIUS
+}
+
+/// The pixel of another view that matches a patch best, searched within a quarter of the picture around the patch's
+/// position, and whether this match is unique.
 fn matching(
     wanted: &[f32; PATCH],
     at: (u32, u32),
     (w, h): (u32, u32),
     patches: &[[f32; PATCH]],
-) -> Option<(u32, u32)> {
+) -> Option<((u32, u32), bool)> {
     let range = |at: u32, side: u32| {
         let last = side.saturating_sub(RADIUS);
         at.saturating_sub(side / 4).max(RADIUS)..(at + side / 4).min(last)
@@ -447,14 +453,12 @@ fn matching(
     let found = found.filter(|(alike, _)| *alike > MIN_ALIKE - (1.0 - MIN_ALIKE));
     let found: Vec<(f32, (u32, u32))> = found.collect();
     let (best, place) = found.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let is_elsewhere =
-        |(_, (x, y)): &&(f32, (u32, u32))| x.abs_diff(place.0).max(y.abs_diff(place.1)) > RADIUS;
     let next = found
         .iter()
-        .filter(is_elsewhere)
+        .filter(|found| is_apart(found.1, place))
         .map(|found| found.0)
         .fold(0.0, f32::max);
-    (best >= MIN_ALIKE && 1.0 - best < UNIQUE * (1.0 - next)).then_some(place)
+    (best >= MIN_ALIKE).then_some((place, 1.0 - best < UNIQUE * (1.0 - next)))
 }
 
 #[cfg(test)]
