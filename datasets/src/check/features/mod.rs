@@ -49,6 +49,9 @@ const MIN_MORE: f64 = 0.2;
 /// Another interpretation is better only if the number of explained matches increases by at least this many standard
 /// errors.
 const MIN_ERRORS: f64 = 4.0;
+/// Two interpretations explain about equally many matches if the numbers that only one of them explains differ by at
+/// most this many standard errors.
+const MAX_ERRORS_OF_EQUALS: f64 = 2.0;
 /// Maximum number of views whose poses are tried, two at a time, for two pictures.
 const MAX_TRIED: usize = 48;
 /// The poses of other views are reported only if they explain at least this fraction of the matches.
@@ -145,17 +148,43 @@ impl<'a> Matches<'a> {
         let better = cameras.chain(conventions).chain(self.other_focal(&as_read));
         let better = better.chain(orders).chain(elsewhere);
         let better =
-            better.filter_map(|(change, other)| Some((change, compared(&as_read, &other)?)));
+            better.filter_map(|(change, other)| Some((change, compared(&as_read, &other)?, other)));
         // Of equally good changes, takes the first, which is the simplest.
-        let (change, found) =
-            better.min_by_key(|(_, found)| Reverse(found.after - found.before))?;
-        Some(advice::sentence(
-            &change,
-            &found.evidence(),
-            units,
-            1.0,
-            self.views,
-        ))
+        let best = better.min_by_key(|(_, found, _)| Reverse(found.after - found.before))?;
+        let (mut change, mut evidence) = (best.0, best.1.evidence());
+        if let Change::Convention(_) = change {
+            let mut alike = self.equal_conventions(units, &as_read, &best.2).into_iter();
+            if let Some((name, found)) = alike.next() {
+                (change, evidence) = (Change::Convention(name), found.evidence());
+            }
+            let others: Vec<&str> = alike.map(|(name, _)| name).collect();
+            if !others.is_empty() {
+                evidence += &format!("; about as many do with {}", others.join(", or with "));
+            }
+        }
+        Some(advice::sentence(&change, &evidence, units, 1.0, self.views))
+    }
+
+    /// The conventions that explain about as many matches as `best` does, with the number that each explains. Those
+    /// whose epipolar lines are closest to the matches come first.
+    fn equal_conventions(
+        &self,
+        units: Units,
+        as_read: &[Option<bool>],
+        best: &[Option<bool>],
+    ) -> Vec<(&'static str, Compared)> {
+        let alike = alternatives(units.poses_are_matrices).filter_map(|convention| {
+            let explained = self.explained(convention.take, &Some);
+            let found = compared(as_read, &explained)?;
+            let miss = self.mean_miss(convention.take);
+            is_about_equal(&explained, best).then_some((miss, convention.name, found))
+        });
+        let mut alike: Vec<(f64, &str, Compared)> = alike.collect();
+        alike.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut names = BTreeSet::new();
+        alike.retain(|(_, name, _)| names.insert(*name));
+        let alike = alike.into_iter();
+        alike.map(|(_, name, found)| (name, found)).collect()
     }
 
     pub(super) fn id(&self, i: usize) -> &str {
@@ -322,6 +351,17 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
         before: (lost + kept) as usize,
         after: (gained + kept) as usize,
     })
+}
+
+/// True if neither of two interpretations explains significantly more.
+fn is_about_equal(one: &[Option<bool>], other: &[Option<bool>]) -> bool {
+    let count = |of: (bool, bool)| {
+        let both = one.iter().copied().zip(other.iter().copied());
+        let differing = both.filter(|found| *found == (Some(of.0), Some(of.1)));
+        differing.count() as f64
+    };
+    let (first, second) = (count((true, false)), count((false, true)));
+    (first - second).abs() <= MAX_ERRORS_OF_EQUALS * (first + second).sqrt()
 }
 
 /// True if a position in the second view may show a point on a ray of the first.

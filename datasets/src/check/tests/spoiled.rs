@@ -239,6 +239,34 @@ fn mirrored_axes_are_named() {
     ]);
 }
 
+/// Where cameras hardly roll or move forward, transposed rotations explain left-handed poses about as well.
+#[test]
+fn left_handed_poses_are_named_without_depth() {
+    let axes = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
+    for seed in 0..3 {
+        let mut views = views_of(SyntheticOptions {
+            width: 240,
+            height: 180,
+            ..SyntheticOptions::varied(seed)
+        });
+        for view in &mut views {
+            let pose = view.camera_from_world;
+            view.camera_from_world = RigidTransform {
+                rotation: axes * pose.rotation * axes,
+                translation: axes * pose.translation,
+            };
+        }
+        change(&mut views, |content| content.depth = None);
+        for effort in [QUICK, THOROUGH] {
+            let said = super::found(&views, effort);
+            assert!(
+                said.len() == 1 && said[0].contains("the cameras' z axis negated"),
+                "{seed}: {said:?}"
+            );
+        }
+    }
+}
+
 /// Uses a seed whose neighbouring views share enough features in any order.
 #[test]
 fn pictures_of_other_poses_are_named_without_depth() {
