@@ -54,7 +54,7 @@ pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>,
     if has_disparity {
         return (by_disparity(left, right), None);
     }
-    let matches = Matches::new(views, effort);
+    let matches = Matches::new(views, effort, true);
     let swapped = matches.swapped();
     let swapped = swapped.map(|evidence| format!("{SWAPPED} ({evidence})"));
     (swapped, Some(matches.note()))

@@ -72,7 +72,9 @@ pub(super) struct Matches<'a> {
 }
 
 impl<'a> Matches<'a> {
-    pub(super) fn new(views: &'a [View], effort: Effort) -> Self {
+    /// Matches features of neighbouring views. If `both_ways`, a feature must also be the best match of its match, which
+    /// rules out most wrong matches in repeated patterns.
+    pub(super) fn new(views: &'a [View], effort: Effort, both_ways: bool) -> Self {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
         let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
         let grey = |i: &usize| Some((*i, SmallView::new(&views[*i], false, WIDEST)?.grey()));
@@ -87,10 +89,10 @@ impl<'a> Matches<'a> {
                     let place = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                     let found = matching(&patch(a, at), at, b.size(), &patches_b);
                     let (to, _) = found.filter(|(_, is_unique)| *is_unique)?;
-                    // In a repeated pattern, another repetition may match best. Its own best match shows that it lies
-                    // elsewhere in the first picture.
-                    let (back, _) = matching(&patch(b, to), to, a.size(), &patches_a)?;
-                    (!is_apart(back, at)).then(|| (i, place(at), place(to)))
+                    let back = || matching(&patch(b, to), to, a.size(), &patches_a);
+                    let is_match =
+                        !both_ways || back().is_some_and(|(back, _)| !is_apart(back, at));
+                    is_match.then(|| (i, place(at), place(to)))
                 });
                 matches.extend(found);
             }
@@ -515,7 +517,7 @@ mod tests {
         for seed in 0..3 {
             let right = views(seed, SIZE);
             for effort in [QUICK, THOROUGH] {
-                let matches = Matches::new(&right, effort);
+                let matches = Matches::new(&right, effort, true);
                 assert_eq!(matches.contradiction(Units::default()), None, "{seed}");
                 let explained = matches.explained(|pose| *pose, &Some);
                 assert!(
@@ -546,7 +548,7 @@ mod tests {
             for (spoil, named) in cases {
                 let mut wrong = right.clone();
                 spoil(&mut wrong);
-                let matches = Matches::new(&wrong, THOROUGH);
+                let matches = Matches::new(&wrong, THOROUGH, true);
                 let found = matches.contradiction(Units::default());
                 assert!(
                     found.as_ref().is_some_and(|f| f.contains(named)),
@@ -560,7 +562,7 @@ mod tests {
     #[test]
     fn pictures_without_features_say_nothing() {
         let views = &views(0, SIZE)[..1];
-        let matches = Matches::new(views, THOROUGH);
+        let matches = Matches::new(views, THOROUGH, true);
         assert_eq!(matches.contradiction(Units::default()), None);
         assert!(
             matches
