@@ -149,8 +149,9 @@ impl StereoGeometry {
     /// Converts a disparity map.
     ///
     /// Rejects a map that has values but no disparity within the picture's width: if the byte order
-    /// is wrong, disparities are denormal or astronomical. Also rejects negative disparities, unless there are positive
-    /// ones and `doffs` makes all their depths positive, as in pictures that were cropped differently.
+    /// is wrong, disparities are denormal or astronomical. Also rejects negative disparities, unless `doffs` makes all
+    /// their depths positive, as in pictures that were cropped differently. Whether these are negated instead is left
+    /// to the check of the pair's pictures.
     fn depth_map(&self, path: &Path, disparity: &FloatMap) -> Result<DepthMap, DatasetError> {
         let widest = f64::from(disparity.width());
         let (mut sane, mut strange, mut negative, mut mark) = (0_u64, 0_u64, 0_u64, None);
@@ -176,16 +177,24 @@ impl StereoGeometry {
         let least = if are_values { -widest } else { 0.0 };
         let stored = disparity.as_raw().iter();
         let depth = stored.map(|d| self.depth(*d, least)).collect();
-        if negative > MIN_NEGATIVE_RATIO * sane.max(1) {
+        if negative > MIN_NEGATIVE_RATIO * sane.max(1) && !are_values {
+            let least = match self.doffs > 0.0 {
+                true => format!(
+                    "above {}, the difference of the principal points",
+                    -self.doffs
+                ),
+                false => "positive".to_owned(),
+            };
             return Err(DatasetError::malformed(
                 path,
                 format!(
                     "{negative} disparities are negative and {sane} positive, but disparity (x in the left picture \
-                     minus x in the right one) must be positive; perhaps the pictures are swapped"
+                     minus x in the right one) must be {least}; perhaps the pictures are swapped or the disparities are \
+                     negated"
                 ),
             ));
         }
-        if sane == 0 && strange > 0 {
+        if sane == 0 && strange > 0 && !are_values {
             return Err(DatasetError::malformed(
                 path,
                 format!(
@@ -371,11 +380,18 @@ mod tests {
         let error = RIG.depth_map(path, &map).unwrap_err().to_string();
         assert!(error.contains("byte order"), "{error}");
         let negated = FloatMap::from_vec(24, 1, (1..25).map(|d| -d as f32).collect()).unwrap();
-        let error = RIG.depth_map(path, &negated).unwrap_err().to_string();
-        assert!(
-            error.contains("22 disparities are negative and 0 positive"),
-            "{error}"
-        );
+        for (doffs, least) in [(0.0, "positive; "), (20.0, "above -20, ")] {
+            let rig = StereoGeometry { doffs, ..RIG };
+            let error = rig.depth_map(path, &negated).unwrap_err().to_string();
+            assert!(
+                error.contains("22 disparities are negative and 0 positive")
+                    && error.contains(&format!("must be {least}")),
+                "{error}"
+            );
+        }
+        // The offset makes all depths positive.
+        let depth = RIG.depth_map(path, &negated).unwrap().into_raw();
+        assert_eq!(depth.iter().filter(|z| **z > 0.0).count(), 23);
         let swapped = StereoGeometry {
             doffs: -10.0,
             ..RIG

@@ -247,7 +247,8 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             // poses.
             contradiction.or_else(|| {
                 let is_suspicious = effort.thorough || neighbours.is_poorly_explained();
-                let matches = is_suspicious.then(|| Matches::new(&scene.views, effort))?;
+                // Colours that fit show which matches of repeated patterns are wrong.
+                let matches = is_suspicious.then(|| Matches::new(&scene.views, effort, false))?;
                 let named = effort
                     .thorough
                     .then(|| matches.contradiction(units))
@@ -258,7 +259,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
         // With virtual views, there may not be two pictures to compare.
         (_, None) if photographs(scene) < 2 => None,
         (_, None) => {
-            let matches = Matches::new(&scene.views, effort);
+            let matches = Matches::new(&scene.views, effort, true);
             note = Some(matches.note());
             let named = plausible::one_pose(&scene.views).or_else(|| matches.contradiction(units));
             named.or_else(|| floor(&matches, None))

@@ -54,7 +54,7 @@ pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>,
     if has_disparity {
         return (by_disparity(left, right), None);
     }
-    let matches = Matches::new(views, effort);
+    let matches = Matches::new(views, effort, true);
     let swapped = matches.swapped();
     let swapped = swapped.map(|evidence| format!("{SWAPPED} ({evidence})"));
     (swapped, Some(matches.note()))
@@ -262,10 +262,20 @@ impl Pair {
             is_better(&as_read, explained, MIN_GAIN) && is_confirmed()
         };
         let (factor, scaled) = fit((40, 2_f64.powf(0.25)), &|factor, d| factor * d);
+        // Pictures that were swapped together with their disparities would have positive ones.
+        let negative = self.samples.iter().filter(|sample| sample.depth < 0.0);
+        let all_swapped = match 2 * negative.count() > self.samples.len() {
+            true => {
+                "the disparities are negated; store x in the left picture minus x in the right one"
+            }
+            false => {
+                "left and right are swapped, including the disparities; swap pictures and disparities"
+            }
+        };
         let mut readings = vec![
             (SWAPPED.to_owned(), self.explained(right, &same, stride)),
             (
-                "left and right are swapped, including the disparities; swap pictures and disparities".to_owned(),
+                all_swapped.to_owned(),
                 self.explained(left, &negated, stride),
             ),
             (

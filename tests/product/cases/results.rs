@@ -382,7 +382,7 @@ fn gaussians_of_one_source_are_one_file() {
     case.run("sharp-bench merge a b --out m2").is_error_with(&[
         "'gaussians'",
         "view_00",
-        "a different file",
+        "another version of the file",
     ]);
     run("2", "a").is_error_with(&["an input file of the method has changed"]);
 }

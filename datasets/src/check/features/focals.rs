@@ -1,7 +1,7 @@
 //! Focal lengths that put matching features on each other's epipolar lines.
 
 use glam::DVec2;
-use sharp::camera::Intrinsics;
+use sharp::camera::{Intrinsics, RigidTransform};
 
 use super::super::advice::number;
 use super::super::change::{Change, Focal};
@@ -56,7 +56,9 @@ impl Matches<'_> {
         let found = Focal::ALL.iter().filter_map(|which| {
             let with = |factor| self.with_focals(|_| which.times(factor));
             let explained = |factor| with(factor).explained(CONVENTIONS[0].take, &Some);
-            let best = least(FOCALS.0, FOCALS.1, &|factor, _| with(factor).mean_miss());
+            let best = least(FOCALS.0, FOCALS.1, &|factor, _| {
+                with(factor).mean_miss(CONVENTIONS[0].take)
+            });
             // One focal length alone is measured less exactly, but usually equals the other.
             let square = match which {
                 Focal::Both => best,
@@ -78,9 +80,10 @@ impl Matches<'_> {
         best.map(|(_, best)| best)
     }
 
-    /// Mean distance of matches from their epipolar lines, in units of [`CLOSE`]. Distances above 1 count as 1.
-    fn mean_miss(&self) -> f64 {
-        let pose = |i: usize| &self.views[i].camera_from_world;
+    /// Mean distance of matches from their epipolar lines, in units of [`CLOSE`]. Distances above 1 count as 1. `take`
+    /// converts the poses.
+    pub(super) fn mean_miss(&self, take: fn(&RigidTransform) -> RigidTransform) -> f64 {
+        let pose = |i: usize| take(&self.views[i].camera_from_world);
         let misses = self.matches.iter().map(|(i, a, b)| {
             let other_from_one = pose(i + 1).after(&pose(*i).inverse());
             let (one, other) = (&self.cameras[i], &self.cameras[&(i + 1)]);

@@ -49,6 +49,9 @@ const MIN_MORE: f64 = 0.2;
 /// Another interpretation counts as better only if the number of explained matches increases by at least this many
 /// standard errors.
 const MIN_ERRORS: f64 = 4.0;
+/// Two interpretations explain about equally many matches if the numbers that only one of them explains differ by at
+/// most this many standard errors.
+const MAX_ERRORS_OF_EQUALS: f64 = 2.0;
 /// Maximum number of views whose poses are tried, two at a time, for two pictures.
 const MAX_TRIED: usize = 48;
 /// The poses of other views are reported only if they explain at least this fraction of the matches.
@@ -69,7 +72,9 @@ pub(super) struct Matches<'a> {
 }
 
 impl<'a> Matches<'a> {
-    pub(super) fn new(views: &'a [View], effort: Effort) -> Self {
+    /// Matches features of neighbouring views. If `both_ways`, a feature must also be the best match of its match, which
+    /// rules out most wrong matches in repeated patterns.
+    pub(super) fn new(views: &'a [View], effort: Effort, both_ways: bool) -> Self {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
         let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
         let grey = |i: &usize| Some((*i, SmallView::new(&views[*i], false, WIDEST)?.grey()));
@@ -79,14 +84,15 @@ impl<'a> Matches<'a> {
         let mut matches = Vec::new();
         for i in firsts {
             if let (Some(a), Some(b)) = (grey.get(&i), grey.get(&(i + 1))) {
-                let patches = patches(b);
+                let [patches_a, patches_b] = [a, b].map(patches);
                 let found = features(a).into_iter().filter_map(|at| {
                     let place = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                    Some((
-                        i,
-                        place(at),
-                        place(matching(&patch(a, at), at, b.size(), &patches)?),
-                    ))
+                    let found = matching(&patch(a, at), at, b.size(), &patches_b);
+                    let (to, _) = found.filter(|(_, is_unique)| *is_unique)?;
+                    let back = || matching(&patch(b, to), to, a.size(), &patches_a);
+                    let is_match =
+                        !both_ways || back().is_some_and(|(back, _)| !is_apart(back, at));
+                    is_match.then(|| (i, place(at), place(to)))
                 });
                 matches.extend(found);
             }
@@ -144,17 +150,43 @@ impl<'a> Matches<'a> {
         let better = cameras.chain(conventions).chain(self.other_focal(&as_read));
         let better = better.chain(orders).chain(elsewhere);
         let better =
-            better.filter_map(|(change, other)| Some((change, compared(&as_read, &other)?)));
+            better.filter_map(|(change, other)| Some((change, compared(&as_read, &other)?, other)));
         // Of equally good changes, takes the first, which is the simplest.
-        let (change, found) =
-            better.min_by_key(|(_, found)| Reverse(found.after - found.before))?;
-        Some(advice::sentence(
-            &change,
-            &found.evidence(),
-            units,
-            1.0,
-            self.views,
-        ))
+        let best = better.min_by_key(|(_, found, _)| Reverse(found.after - found.before))?;
+        let (mut change, mut evidence) = (best.0, best.1.evidence());
+        if let Change::Convention(_) = change {
+            let mut alike = self.equal_conventions(units, &as_read, &best.2).into_iter();
+            if let Some((name, found)) = alike.next() {
+                (change, evidence) = (Change::Convention(name), found.evidence());
+            }
+            let others: Vec<&str> = alike.map(|(name, _)| name).collect();
+            if !others.is_empty() {
+                evidence += &format!("; about as many do with {}", others.join(", or with "));
+            }
+        }
+        Some(advice::sentence(&change, &evidence, units, 1.0, self.views))
+    }
+
+    /// The conventions that explain about as many matches as `best` does, with the number that each explains. Those
+    /// whose epipolar lines are closest to the matches come first.
+    fn equal_conventions(
+        &self,
+        units: Units,
+        as_read: &[Option<bool>],
+        best: &[Option<bool>],
+    ) -> Vec<(&'static str, Compared)> {
+        let alike = alternatives(units.poses_are_matrices).filter_map(|convention| {
+            let explained = self.explained(convention.take, &Some);
+            let found = compared(as_read, &explained)?;
+            let miss = self.mean_miss(convention.take);
+            is_about_equal(&explained, best).then_some((miss, convention.name, found))
+        });
+        let mut alike: Vec<(f64, &str, Compared)> = alike.collect();
+        alike.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut names = BTreeSet::new();
+        alike.retain(|(_, name, _)| names.insert(*name));
+        let alike = alike.into_iter();
+        alike.map(|(_, name, found)| (name, found)).collect()
     }
 
     pub(super) fn id(&self, i: usize) -> &str {
@@ -323,6 +355,17 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
     })
 }
 
+/// True if neither of two interpretations explains significantly more.
+fn is_about_equal(one: &[Option<bool>], other: &[Option<bool>]) -> bool {
+    let count = |of: (bool, bool)| {
+        let both = one.iter().copied().zip(other.iter().copied());
+        let differing = both.filter(|found| *found == (Some(of.0), Some(of.1)));
+        differing.count() as f64
+    };
+    let (first, second) = (count((true, false)), count((false, true)));
+    (first - second).abs() <= MAX_ERRORS_OF_EQUALS * (first + second).sqrt()
+}
+
 /// True if the pixel at a position in the second view may show a point on a ray of the first view.
 fn fits(
     second_from_first: &RigidTransform,
@@ -427,14 +470,19 @@ fn patches(grey: &Grey) -> Vec<[f32; PATCH]> {
     all.map(|at| patch(grey, at)).collect()
 }
 
-/// The pixel of another view that uniquely matches a patch, searched within a quarter of the picture around the patch's
-/// position.
+/// True if the patches around two pixels are not those of one feature.
+fn is_apart(one: (u32, u32), other: (u32, u32)) -> bool {
+    one.0.abs_diff(other.0).max(one.1.abs_diff(other.1)) > RADIUS
+}
+
+/// The pixel of another view that matches a patch best, searched within a quarter of the picture around the patch's
+/// position, and whether this match is unique.
 fn matching(
     wanted: &[f32; PATCH],
     at: (u32, u32),
     (w, h): (u32, u32),
     patches: &[[f32; PATCH]],
-) -> Option<(u32, u32)> {
+) -> Option<((u32, u32), bool)> {
     let range = |at: u32, side: u32| {
         let last = side.saturating_sub(RADIUS);
         at.saturating_sub(side / 4).max(RADIUS)..(at + side / 4).min(last)
@@ -448,14 +496,12 @@ fn matching(
     let found = found.filter(|(alike, _)| *alike > MIN_ALIKE - (1.0 - MIN_ALIKE));
     let found: Vec<(f32, (u32, u32))> = found.collect();
     let (best, place) = found.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let is_elsewhere =
-        |(_, (x, y)): &&(f32, (u32, u32))| x.abs_diff(place.0).max(y.abs_diff(place.1)) > RADIUS;
     let next = found
         .iter()
-        .filter(is_elsewhere)
+        .filter(|found| is_apart(found.1, place))
         .map(|found| found.0)
         .fold(0.0, f32::max);
-    (best >= MIN_ALIKE && 1.0 - best < UNIQUE * (1.0 - next)).then_some(place)
+    (best >= MIN_ALIKE).then_some((place, 1.0 - best < UNIQUE * (1.0 - next)))
 }
 
 #[cfg(test)]
@@ -472,7 +518,7 @@ mod tests {
         for seed in 0..3 {
             let right = views(seed, SIZE);
             for effort in [QUICK, THOROUGH] {
-                let matches = Matches::new(&right, effort);
+                let matches = Matches::new(&right, effort, true);
                 assert_eq!(matches.contradiction(Units::default()), None, "{seed}");
                 let explained = matches.explained(|pose| *pose, &Some);
                 assert!(
@@ -503,7 +549,7 @@ mod tests {
             for (spoil, named) in cases {
                 let mut wrong = right.clone();
                 spoil(&mut wrong);
-                let matches = Matches::new(&wrong, THOROUGH);
+                let matches = Matches::new(&wrong, THOROUGH, true);
                 let found = matches.contradiction(Units::default());
                 assert!(
                     found.as_ref().is_some_and(|f| f.contains(named)),
@@ -517,7 +563,7 @@ mod tests {
     #[test]
     fn pictures_without_features_say_nothing() {
         let views = &views(0, SIZE)[..1];
-        let matches = Matches::new(views, THOROUGH);
+        let matches = Matches::new(views, THOROUGH, true);
         assert_eq!(matches.contradiction(Units::default()), None);
         assert!(
             matches

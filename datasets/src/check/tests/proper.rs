@@ -169,3 +169,38 @@ fn a_wall_parallel_to_the_pictures_is_proper_and_depth_that_its_poses_contradict
         }
     }
 }
+
+/// Without depth, features of equal tiles may be matched to those of other tiles.
+#[test]
+fn equal_tiles_on_all_surfaces_are_proper_without_depth() {
+    for (step, per_metre) in [
+        (DVec3::new(0.12, 0.03, 0.05), 4.0),
+        (DVec3::new(0.2, 0.0, 0.0), 4.0),
+        (DVec3::new(0.1, 0.05, 0.2), 3.0),
+        (DVec3::new(0.3, 0.1, 0.0), 2.0),
+    ] {
+        let mut views = room((200, 150), 0.95, step);
+        for view in &mut views {
+            let (k, place) = (view.intrinsics, -view.camera_from_world.translation);
+            let tile = |x: u32, y: u32| {
+                let ray = k.unproject(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5), 1.0);
+                let (z, surface) = seen(place, ray);
+                let axis = WALLS.get(surface).map_or(2, |(axis, _)| *axis);
+                let at = (place + z * ray).to_array();
+                let [u, v] = [(axis + 1) % 3, (axis + 2) % 3].map(|i| at[i] * per_metre);
+                let (u, v) = (u.rem_euclid(1.0), v.rem_euclid(1.0));
+                match (u < 0.08 || v < 0.08, (u - 0.5).hypot(v - 0.5) < 0.25) {
+                    (true, _) => Rgb([230; 3]),
+                    (_, true) => Rgb([90, 70, 50]),
+                    _ => Rgb([150, 120, 90]),
+                }
+            };
+            let picture = RgbImage::from_fn(k.width, k.height, tile);
+            change(std::slice::from_mut(view), |pixels| {
+                pixels.picture = picture.clone();
+                pixels.depth = None;
+            });
+        }
+        is_proper(&format!("{step} {per_metre}"), &views);
+    }
+}

@@ -239,6 +239,34 @@ fn mirrored_axes_are_named() {
     ]);
 }
 
+/// Where cameras hardly roll or move forward, transposed rotations explain left-handed poses about as well.
+#[test]
+fn left_handed_poses_are_named_without_depth() {
+    let axes = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
+    for seed in 0..3 {
+        let mut views = views_of(SyntheticOptions {
+            width: 240,
+            height: 180,
+            ..SyntheticOptions::varied(seed)
+        });
+        for view in &mut views {
+            let pose = view.camera_from_world;
+            view.camera_from_world = RigidTransform {
+                rotation: axes * pose.rotation * axes,
+                translation: axes * pose.translation,
+            };
+        }
+        change(&mut views, |content| content.depth = None);
+        for effort in [QUICK, THOROUGH] {
+            let said = super::found(&views, effort);
+            assert!(
+                said.len() == 1 && said[0].contains("the cameras' z axis negated"),
+                "{seed}: {said:?}"
+            );
+        }
+    }
+}
+
 /// Uses a seed whose neighbouring views share enough features in any order.
 #[test]
 fn pictures_of_other_poses_are_named_without_depth() {
@@ -388,6 +416,39 @@ fn pairs_whose_disparity_is_something_else_are_named() {
             let (said, _) = of_pair(wrong);
             assert!(said.contains(cause), "{seed} {cause}: {said}");
         }
+    }
+}
+
+/// The right picture was cropped, so that depths are positive with negated disparities, too.
+#[test]
+fn negated_disparities_are_named() {
+    let product = 4.0 * BASELINE_M * FOCAL;
+    for seed in 0..2 {
+        let depth = pair(seed)[0].content.depth().unwrap().unwrap();
+        let nearest = depth
+            .iter()
+            .filter(|z| **z > 0.0)
+            .fold(f32::MAX, |a, b| a.min(*b));
+        let offset = (0.55 * product / f64::from(nearest)).ceil();
+        let right = pair_of(seed, 1, (4.0 * BASELINE_M, 79.5 + offset));
+        assert_eq!(of_pair(right.clone()).0, "", "{seed}");
+        let mut wrong = right;
+        let (product, offset) = (product as f32, offset as f32);
+        // The points with positive disparities, which are negative when negated.
+        change(&mut wrong, |content| {
+            content.each(|z| {
+                if product / z > offset {
+                    product / (2.0 * offset - product / z)
+                } else {
+                    0.0
+                }
+            });
+        });
+        let (said, _) = of_pair(wrong);
+        assert!(
+            said.contains("the disparities are negated"),
+            "{seed}: {said}"
+        );
     }
 }
 
