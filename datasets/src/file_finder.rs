@@ -219,8 +219,8 @@ mod tests {
                 Some(other) => assert_eq!(
                     notes,
                     [format!(
-                        "list.txt: 1 name(s) match several files that differ in case or extension: {found} is read \
-                         and not {other}"
+                        "list.txt: 1 name(s) match several files that differ in case or extension: {found} is \
+                         read, not {other}"
                     )]
                 ),
             }

@@ -63,8 +63,8 @@ fn of_two_files_of_one_stem_the_photograph_is_read_and_the_other_is_noted() {
     compare(&found.views, scene.views(), Depth::Absent);
     has_note(
         &found.notes,
-        "transforms.json: 1 name(s) match several files that differ in case or extension: images/view_00.png is read \
-         and not view_00.jpg",
+        "transforms.json: 1 name(s) match several files that differ in case or extension: images/view_00.png is read, \
+         not view_00.jpg",
     );
     std::fs::remove_file(folder.path().join("images/view_00.jpg")).unwrap();
     assert!(read("nerfstudio", folder.path()).notes.is_empty());
