@@ -329,10 +329,7 @@ pub(crate) fn misplaced(
         places.iter().filter_map(|place| found.get(place)).sum()
     };
     let all: usize = found.values().sum();
-    let is_most = |count: usize| {
-        let is_enough = count as f64 >= extent.share(0.5) * all as f64;
-        count >= extent.fewest(FEWEST) && 2 * count > all && is_enough
-    };
+    let is_most = |count: usize| count >= extent.fewest(FEWEST) && 2 * count > all;
     let copies = count(&[Source]);
     if is_most(copies) {
         return Some(format!(
@@ -342,7 +339,8 @@ pub(crate) fn misplaced(
         ));
     }
     let views = count(&[Source, SourceView]);
-    if is_most(views) {
+    // In one scene, a depth that is far too large leaves the source's view, too.
+    if is_most(views) && views as f64 >= extent.share(0.5) * all as f64 {
         return Some(format!(
             "its pictures show {} rather than the target's ({views} of the {all} compared in {pairs} are significantly \
              closer to the source's photograph), as if they were rendered with the source's pose, or with poses of \
