@@ -245,15 +245,14 @@ mod tests {
 
     #[test]
     fn shifts_of_half_a_pixel_are_told() {
-        for plane in [PLANE, NEAR_PLANE] {
-            for by in [[0.5, 0.5], [-0.5, 0.5], [0.0, -0.6]] {
-                let told = told(false, plane, |_| by).unwrap_or_else(|| panic!("{by:?}"));
-                let (_, numbers) = told.split_once('(').unwrap();
-                let (numbers, _) = numbers.split_once(')').unwrap();
-                // The texture has few upright edges, so the shift to the right is hardly measured.
-                let down: f64 = numbers.split_once(", ").unwrap().1.parse().unwrap();
-                assert!((down - by[1]).abs() < 0.16, "{by:?}: {told}");
-            }
+        for by in [[0.5, 0.5], [-0.5, 0.5], [0.0, -0.6]] {
+            let told = told(false, PLANE, |_| by).unwrap_or_else(|| panic!("{by:?}"));
+            let (_, numbers) = told.split_once('(').unwrap();
+            let (numbers, _) = numbers.split_once(')').unwrap();
+            // The texture has few upright edges, so the shift to the right is hardly measured.
+            let (_, down) = numbers.split_once(", ").unwrap();
+            let down: f64 = down.parse().unwrap();
+            assert!((down - by[1]).abs() < 0.16, "{by:?}: {told}");
         }
         // Along the lines, a shift cannot be distinguished from wrong depth.
         assert!(
