@@ -19,8 +19,8 @@ const MAX_SHIFT: f64 = 1.5;
 const MIN_PICTURES: usize = 5;
 /// A shift is reported only if at least this share of the pictures agree on it.
 const MIN_SHARE: f64 = 0.65;
-/// Pictures are counted only if at least this share of their edges' evidence is across the shift.
-const MIN_SEEN: f64 = 0.25;
+/// Pictures are counted only if their evidence across the shift is at least this, per edge.
+const MIN_SEEN: f64 = 0.1;
 /// A picture agrees with a shift that explains at least this share of the squared displacements of its edges. Without a
 /// shift, the best one explains 0.02; half a pixel explains about 0.2 for good predictions.
 const MIN_EXPLAINED: f64 = 0.08;
