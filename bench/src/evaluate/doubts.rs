@@ -5,11 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR};
 use super::picture_agreement::{changed_pictures, repeated_pictures};
 use super::picture_check::is_checked;
-use super::picture_group::{PictureGroup, in_datasets_or_scenes};
+use super::picture_group::{PictureGroup, all_or_scenes};
 use super::picture_order::misplaced_pictures;
 use super::picture_stamp::stamped_pictures;
 use super::picture_tone::{masked_pictures, toned_pictures};
-use super::record::Record;
+use super::record::{Record, Status};
 use crate::methods::{TrueDepth, UNUSABLE};
 use crate::pairs::pair_id::source_of;
 
@@ -134,6 +134,9 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     })
 }
 
+/// A check of pictures together, which gives its findings as sentences.
+type Check = fn(&PictureGroup<'_, &Record>) -> Vec<String>;
+
 /// Findings from all records of a method.
 pub(super) fn joint_doubts<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
@@ -141,7 +144,7 @@ pub(super) fn joint_doubts<'a>(
 ) -> Vec<String> {
     let mut found = Vec::new();
     if is_checked(kind) {
-        let checks: [fn(&PictureGroup<'_>) -> Vec<String>; 6] = [
+        let checks: [Check; 6] = [
             changed_pictures,
             |group| misplaced_pictures(group).into_iter().collect(),
             |group| stamped_pictures(group).into_iter().collect(),
@@ -149,8 +152,16 @@ pub(super) fn joint_doubts<'a>(
             |group| masked_pictures(group).into_iter().collect(),
             |group| repeated_pictures(group).into_iter().collect(),
         ];
-        let told = checks.map(|check| in_datasets_or_scenes(records.clone(), check));
-        found = told.concat();
+        let mut datasets: BTreeMap<&str, Vec<(String, &Record)>> = BTreeMap::new();
+        for record in records.clone().filter(|r| r.status == Status::Ok) {
+            let scene = format!("{}/{}", record.dataset, record.scene);
+            let pictures = datasets.entry(&record.dataset).or_default();
+            pictures.push((scene, record));
+        }
+        for check in checks {
+            let of_datasets = datasets.iter();
+            found.extend(of_datasets.flat_map(|(name, of)| all_or_scenes(name, of, check)));
+        }
     }
     found.extend(trained_targets(records.clone()));
     found.extend(outlying_sources(records, kind));

@@ -36,13 +36,13 @@ const MAX_UNEVEN_SHARE: f64 = 0.1;
 const MIN_SPREAD: i16 = 5;
 
 /// The sentences of [`agreed_changes`]. Crops and padding are not reported if a wrong camera explains them.
-pub(super) fn changed_pictures(group: &PictureGroup<'_>) -> Vec<String> {
+pub(super) fn changed_pictures(group: &PictureGroup<'_, &Record>) -> Vec<String> {
     let is_reframed = is_reframed(group);
     let change = |record: &&Record| {
         let is_explained = is_reframed && is_resized(record.change);
         record.change.filter(|_| !is_explained)
     };
-    let pictures = group.records.iter();
+    let pictures = group.pictures.iter();
     let pictures: Vec<_> = pictures
         .map(|record| (record.pair_id.as_str(), change(record)))
         .collect();
@@ -191,8 +191,8 @@ fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> Str
 }
 
 /// A sentence if several targets have the same predicted file. Copies of the source are reported elsewhere.
-pub(super) fn repeated_pictures(group: &PictureGroup<'_>) -> Option<String> {
-    let records = || group.records.iter();
+pub(super) fn repeated_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
+    let records = || group.pictures.iter();
     if records().any(|record| record.shows == Some(ShownTarget::Source)) {
         return None;
     }
@@ -228,6 +228,7 @@ pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::picture_group::tests::of_dataset;
     use super::super::record::tests::record;
     use super::super::record::{PairFiles, Status};
     use super::*;
@@ -246,7 +247,7 @@ mod tests {
     /// What is said if the first of `all` pictures have these changes.
     fn told(changes: &[PictureChange], all: usize) -> Vec<String> {
         let of = |at: usize, record: &mut Record| record.change = changes.get(at).copied();
-        changed_pictures(&PictureGroup::of(&records(all, of)))
+        of_dataset(&records(all, of), changed_pictures)
     }
 
     #[test]
@@ -329,7 +330,7 @@ mod tests {
             }
         };
         let records_of = records(5, files(|at| at.min(2)));
-        let said = repeated_pictures(&PictureGroup::of(&records_of)).unwrap();
+        let said = of_dataset(&records_of, repeated_pictures).unwrap();
         assert!(
             said.starts_with("3 of its 5 pictures are equal to another one"),
             "{said:?}"
@@ -347,7 +348,7 @@ mod tests {
             records(5, files(|at| at / 2)),
             records(5, of_source),
         ] {
-            assert_eq!(repeated_pictures(&PictureGroup::of(&proper)), None);
+            assert_eq!(of_dataset(&proper, repeated_pictures), None);
         }
         // Repeated photographs have equal predictions.
         assert_eq!(repeated(&["a", "b", "c"].map(|name| (name, [1, 2]))), None);

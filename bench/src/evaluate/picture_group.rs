@@ -2,10 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::record::{Record, Status};
-
 /// A scene is examined on its own only if it has at least this many pictures.
-pub(super) const FEWEST_IN_SCENE: usize = 4;
+const FEWEST_IN_SCENE: usize = 4;
 /// A finding on a scene is reported only if at least this share of its pictures have it, because poor predictions of one
 /// scene often err alike.
 const MIN_SHARE_IN_SCENE: f64 = 0.8;
@@ -35,67 +33,54 @@ impl Extent {
     }
 }
 
-/// Records of scored pictures.
-pub(super) struct PictureGroup<'a> {
+/// Pictures that are examined together. `T` identifies a picture.
+pub(crate) struct PictureGroup<'a, T> {
     pub extent: Extent,
-    /// `DATASET` or `DATASET/SCENE`.
-    pub name: String,
-    pub records: Vec<&'a Record>,
+    /// Name of the dataset or scene.
+    pub name: &'a str,
+    pub pictures: &'a [T],
 }
 
-/// Applies a check to the records of each dataset. If it reports nothing there, it is applied to each of the dataset's
-/// scenes.
-pub(super) fn in_datasets_or_scenes<'a>(
-    records: impl Iterator<Item = &'a Record>,
-    check: impl Fn(&PictureGroup<'a>) -> Vec<String>,
+/// Applies a check to all pictures of a dataset and, if it reports nothing, to those of each scene. Each picture is
+/// given with the name of its scene. Findings on a scene begin with its name.
+pub(crate) fn all_or_scenes<T: Copy>(
+    dataset: &str,
+    pictures: &[(String, T)],
+    check: impl Fn(&PictureGroup<'_, T>) -> Vec<String>,
 ) -> Vec<String> {
-    let mut datasets: BTreeMap<&str, Vec<&Record>> = BTreeMap::new();
-    for record in records.filter(|record| record.status == Status::Ok) {
-        datasets.entry(&record.dataset).or_default().push(record);
+    let all: Vec<T> = pictures.iter().map(|(_, picture)| *picture).collect();
+    let found = check(&PictureGroup {
+        extent: Extent::Dataset,
+        name: dataset,
+        pictures: &all,
+    });
+    if !found.is_empty() {
+        return found;
     }
-    let of_dataset = |(dataset, records): (&str, Vec<&'a Record>)| {
-        let scenes = scenes(
-            records
-                .iter()
-                .map(|record| (record.scene.as_str(), *record)),
-        );
-        let whole = PictureGroup {
-            extent: Extent::Dataset,
-            name: dataset.to_owned(),
-            records,
-        };
-        let found = check(&whole);
-        if !found.is_empty() {
-            return found;
-        }
-        let of_scene = |(scene, records)| {
-            let name = format!("{dataset}/{scene}");
-            let found = check(&PictureGroup {
-                extent: Extent::Scene,
-                name: name.clone(),
-                records,
-            });
-            let told = found.into_iter();
-            told.map(|text| in_scene(&name, &text)).collect::<Vec<_>>()
-        };
-        scenes.into_iter().flat_map(of_scene).collect()
+    let pictures = pictures.iter().map(|(scene, picture)| (&**scene, *picture));
+    let of_scene = |(name, pictures): (&str, Vec<T>)| {
+        let found = check(&PictureGroup {
+            extent: Extent::Scene,
+            name,
+            pictures: &pictures,
+        });
+        let texts = found.iter().map(|text| format!("in {name}, {text}"));
+        texts.collect::<Vec<_>>()
     };
-    datasets.into_iter().flat_map(of_dataset).collect()
-}
-
-/// A finding on the pictures of one scene, which begins with "its pictures".
-pub(crate) fn in_scene(name: &str, text: &str) -> String {
-    format!("in {name}, {text}")
+    scenes(pictures).into_iter().flat_map(of_scene).collect()
 }
 
 /// The scene of a picture named `SCENE/NAME`, or `SCENE_NUMBER` without a folder.
 pub(crate) fn scene_of(name: &str) -> &str {
     let folder = name.rsplit_once('/').map(|(folder, _)| folder);
-    folder.unwrap_or_else(|| name.trim_end_matches(|c: char| c.is_ascii_digit()))
+    folder.unwrap_or_else(|| {
+        let scene = name.trim_end_matches(|c: char| c.is_ascii_digit());
+        scene.trim_end_matches(['_', '-'])
+    })
 }
 
 /// Sorts pictures by scene; empty if there is only one scene. Scenes with too few pictures are left out.
-pub(crate) fn scenes<'a, T>(
+pub(super) fn scenes<'a, T>(
     pictures: impl Iterator<Item = (&'a str, T)>,
 ) -> BTreeMap<&'a str, Vec<T>> {
     let mut scenes: BTreeMap<&str, Vec<T>> = BTreeMap::new();
@@ -108,27 +93,32 @@ pub(crate) fn scenes<'a, T>(
 }
 
 #[cfg(test)]
-impl<'a> PictureGroup<'a> {
-    /// All records as those of one dataset.
-    pub(super) fn of(records: &'a [Record]) -> Self {
-        Self {
-            extent: Extent::Dataset,
-            name: records
-                .first()
-                .map_or("", |record| &record.dataset)
-                .to_owned(),
-            records: records.iter().collect(),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::doubts::doubts_of;
     use super::super::finding::{Framing, PictureChange, ShownCamera, ShownTarget};
     use super::super::record::tests::record;
+    use super::super::record::{Record, Status};
     use super::*;
     use crate::methods::TrueDepth;
+
+    /// The result of a check of these records as those of one dataset.
+    pub(in crate::evaluate) fn of_dataset<T>(
+        records: &[Record],
+        check: fn(&PictureGroup<'_, &Record>) -> T,
+    ) -> T {
+        let pictures: Vec<&Record> = records.iter().collect();
+        check(&PictureGroup {
+            extent: Extent::Dataset,
+            name: records.first().map_or("", |record| &record.dataset),
+            pictures: &pictures,
+        })
+    }
+
+    #[test]
+    fn names_without_folders_begin_with_their_scene() {
+        let scenes = ["a/b/12", "kitchen_0012", "kitchen-7", "0012", "left"].map(scene_of);
+        assert_eq!(scenes, ["a/b", "kitchen", "kitchen", "", "left"]);
+    }
 
     /// What is said of three scenes with four pictures each, after a change of scene 1.
     fn told(change: impl Fn(usize, &mut Record)) -> Vec<String> {

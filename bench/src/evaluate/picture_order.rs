@@ -15,8 +15,9 @@ use super::finding::{Framing, PictureChange, ShownCamera, ShownTarget};
 use super::gaussians::likeness::Likeness;
 use super::picture_check::shrunk;
 use super::picture_framing::shown_framing;
-use super::picture_group::{Extent, PictureGroup, scenes};
+use super::picture_group::{Extent, PictureGroup};
 use super::picture_motion::{MeasuredMotion, shown_camera};
+use super::picture_sample::{FEWEST, OtherPairs};
 use super::picture_shift::{shift_equations, shifted_pictures};
 use super::picture_stamp::wrong_cells;
 use super::picture_tone::tone;
@@ -26,16 +27,6 @@ use crate::scoring::Region;
 
 /// A wrong camera is reported only if at least this share of the pictures with a measured camera agree on it.
 const MIN_SHARE: f64 = 0.8;
-/// Number of pairs per dataset whose pictures are compared, evenly spaced.
-const SAMPLED: usize = 8;
-/// Number of pairs per scene whose pictures are compared in addition, evenly spaced.
-const SAMPLED_IN_SCENE: usize = 6;
-/// Only at most this many scenes of a dataset are sampled in addition, evenly spaced, to save time.
-const MAX_SCENES: usize = 32;
-/// Number of other targets that each of these pictures is compared with.
-const OTHERS: usize = 12;
-/// A finding is reported only if at least this many pictures of a dataset agree on it.
-const FEWEST: usize = 3;
 /// A picture shows another target only if it is closer to it than to its own by at least this, in dB.
 const MIN_GAIN: f64 = 2.0;
 /// A picture is a copy of the source's photograph, perhaps stored as JPEG, if its PSNR against that photograph is at
@@ -50,65 +41,6 @@ const MIN_SOURCE_VIEW_GAIN: f64 = 3.0;
 /// A prediction that shows the source's view has at least this squared error against the target, relative to that of
 /// the source's photograph. Predictions that move have less.
 const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
-
-/// For each pair, the other pairs whose targets its picture is compared with.
-pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>;
-
-/// Chooses the pairs whose pictures are compared. `pairs` must be all pairs of the plan, so that all shards choose the
-/// same.
-pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
-    let mut datasets: BTreeMap<&str, Vec<ResolvedPair<'a>>> = BTreeMap::new();
-    for planned in pairs {
-        let of_dataset = datasets.entry(&planned.scene.dataset).or_default();
-        of_dataset.push(*planned);
-    }
-    let mut compared = OtherPairs::new();
-    for all in datasets.values().filter(|all| all.len() >= FEWEST) {
-        let n = all.len();
-        let mut targets = BTreeMap::new();
-        for planned in all {
-            let view = (&planned.scene.id, &planned.target.id);
-            targets.entry(view).or_insert(*planned);
-        }
-        for at in sampled(all.iter().map(|planned| planned.scene.id.as_str())) {
-            let own = &all[at];
-            let (near, far): (Vec<_>, Vec<_>) = targets
-                .values()
-                .partition(|other| other.scene.id == own.scene.id);
-            let near: Vec<_> = spread(near.len(), OTHERS).map(|k| near[k]).collect();
-            let far = spread(far.len(), OTHERS - near.len()).map(|k| far[k]);
-            let elsewhere = near.into_iter().chain(far);
-            let others = [
-                (ShownTarget::Previous, all[(at + n - 1) % n]),
-                (ShownTarget::Next, all[(at + 1) % n]),
-            ];
-            let others = others
-                .into_iter()
-                .chain(elsewhere.map(|other| (ShownTarget::Other, other)));
-            compared.insert(own.pair.pair_id.clone(), others.collect());
-        }
-    }
-    compared
-}
-
-/// Which pictures are compared, given the scene of each.
-fn sampled<'a>(scene_of: impl ExactSizeIterator<Item = &'a str>) -> BTreeSet<usize> {
-    let all = spread(scene_of.len(), SAMPLED);
-    let scenes = scenes(scene_of.zip(0..));
-    let scenes: Vec<&Vec<usize>> = scenes.values().collect();
-    let in_scenes = spread(scenes.len(), MAX_SCENES).flat_map(|scene| {
-        let pictures = scenes[scene];
-        spread(pictures.len(), SAMPLED_IN_SCENE).map(|k| pictures[k])
-    });
-    all.chain(in_scenes).collect()
-}
-
-/// At most `most` of `count` indices, about evenly spaced. The distances vary, because with equal ones all pictures
-/// could have the same target.
-fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
-    let n = count.min(most);
-    (0..n).map(move |k| k * count / n + k % (count / n).max(1))
-}
 
 /// Reduced photographs, keyed by dataset, scene and view.
 #[derive(Default)]
@@ -233,37 +165,11 @@ pub(crate) fn shown_target(
     Some(best.map_or(ShownTarget::Own, |(place, _)| place))
 }
 
-/// Which pictures of a folder are compared, and with whose targets, as in [`compared_pairs`]. `scene_of` lists the
-/// scene of each picture.
-pub(crate) fn compared_pictures(scene_of: &[&str]) -> BTreeMap<usize, Vec<(ShownTarget, usize)>> {
-    let count = scene_of.len();
-    if count < FEWEST {
-        return BTreeMap::new();
-    }
-    let others = |at: usize| {
-        let neighbours = [
-            (ShownTarget::Previous, (at + count - 1) % count),
-            (ShownTarget::Next, (at + 1) % count),
-        ];
-        let is_near = |other: &usize| scene_of[*other] == scene_of[at];
-        let (near, far): (Vec<usize>, Vec<usize>) = (0..count).partition(is_near);
-        let elsewhere = spread(near.len(), OTHERS).map(|k| near[k]);
-        let far = spread(far.len(), OTHERS.saturating_sub(near.len())).map(|k| far[k]);
-        let elsewhere = elsewhere
-            .chain(far)
-            .map(|other| (ShownTarget::Other, other));
-        let all = neighbours.into_iter().chain(elsewhere);
-        all.filter(|(_, other)| *other != at).collect()
-    };
-    let sampled = sampled(scene_of.iter().copied()).into_iter();
-    sampled.map(|at| (at, others(at))).collect()
-}
-
 /// The cameras measured in a group's pictures.
-fn cameras(group: &PictureGroup<'_>) -> Vec<ShownCamera> {
+fn cameras(group: &PictureGroup<'_, &Record>) -> Vec<ShownCamera> {
     let mut sources = BTreeSet::new();
     let mut cameras = Vec::new();
-    for record in &group.records {
+    for record in group.pictures {
         // Pictures predicted from one source share its scale, so positive factors count once per source.
         let is_repeated = matches!(record.camera, Some(ShownCamera::Moved(1..)))
             && !sources.insert((&record.scene, &record.source));
@@ -273,11 +179,11 @@ fn cameras(group: &PictureGroup<'_>) -> Vec<ShownCamera> {
 }
 
 /// The wrong camera on which nearly all measured pictures agree, with the number that agree and the number measured.
-fn wrong_camera_of(group: &PictureGroup<'_>) -> Option<(ShownCamera, usize, usize)> {
+fn wrong_camera_of(group: &PictureGroup<'_, &Record>) -> Option<(ShownCamera, usize, usize)> {
     let mut cameras = cameras(group);
-    let resized = group.records.iter().filter(|r| is_resized(r.change));
+    let resized = group.pictures.iter().filter(|r| is_resized(r.change));
     // Pictures that were cropped or padded and then resized are already reported.
-    if resized.count() as f64 >= MIN_SHARE * group.records.len() as f64 {
+    if resized.count() as f64 >= MIN_SHARE * group.pictures.len() as f64 {
         cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
     }
     wrong_camera(cameras, group.extent)
@@ -290,16 +196,16 @@ pub(super) fn is_resized(change: Option<PictureChange>) -> bool {
 
 /// Whether the pictures agree on another focal length, lens or placement of the camera. This explains why some of them
 /// seem to be resized.
-pub(super) fn is_reframed(group: &PictureGroup<'_>) -> bool {
+pub(super) fn is_reframed(group: &PictureGroup<'_, &Record>) -> bool {
     let camera = wrong_camera_of(group).map(|(camera, ..)| camera);
     matches!(camera, Some(ShownCamera::Reframed(_)))
 }
 
 /// A sentence if the compared pictures agree on a wrong camera, or most show other targets.
-pub(super) fn misplaced_pictures(group: &PictureGroup<'_>) -> Option<String> {
+pub(super) fn misplaced_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let pairs = format!("pairs of {}", group.name);
     let mut shown: BTreeMap<ShownTarget, usize> = BTreeMap::new();
-    for target in group.records.iter().filter_map(|record| record.shows) {
+    for target in group.pictures.iter().filter_map(|record| record.shows) {
         *shown.entry(target).or_default() += 1;
     }
     // If a quarter of the pictures clearly moved, those that resemble the source merely have poor depth.
@@ -391,6 +297,8 @@ fn wrong_camera(cameras: Vec<ShownCamera>, extent: Extent) -> Option<(ShownCamer
 mod tests {
     use image::Rgb;
 
+    use super::super::picture_group::tests::of_dataset;
+    use super::super::picture_sample::compared_pictures;
     use super::super::record::tests::record;
     use super::*;
 
@@ -492,7 +400,7 @@ mod tests {
                 ..record()
             })
             .collect();
-        misplaced_pictures(&PictureGroup::of(&records))
+        of_dataset(&records, misplaced_pictures)
     }
 
     #[test]
@@ -609,9 +517,8 @@ mod tests {
                     ..record()
                 })
                 .collect();
-            let group = PictureGroup::of(&records);
-            let is_told = misplaced_pictures(&group).is_some();
-            [is_told, is_reframed(&group)]
+            let is_told = of_dataset(&records, misplaced_pictures).is_some();
+            [is_told, of_dataset(&records, is_reframed)]
         };
         assert_eq!(
             [told(0), told(5), told(7)],
@@ -634,7 +541,7 @@ mod tests {
                     ..record()
                 })
                 .collect();
-            misplaced_pictures(&PictureGroup::of(&records))
+            of_dataset(&records, misplaced_pictures)
         };
         assert!(told(1).unwrap().contains("show the source's view"));
         assert_eq!(told(2), None);
@@ -650,7 +557,7 @@ mod tests {
                     ..record()
                 })
                 .collect();
-            misplaced_pictures(&PictureGroup::of(&records))
+            of_dataset(&records, misplaced_pictures)
         };
         assert_eq!(told(|_| "a".to_owned()), None);
         assert!(told(|k| k.to_string()).unwrap().contains("4 of the 4"));
@@ -667,7 +574,7 @@ mod tests {
                 ..record()
             })
             .collect();
-        let said = misplaced_pictures(&PictureGroup::of(&records)).unwrap();
+        let said = of_dataset(&records, misplaced_pictures).unwrap();
         assert!(
             said.contains("the target of the pair after theirs"),
             "{said}"

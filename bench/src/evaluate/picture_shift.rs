@@ -10,6 +10,7 @@ use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 use sharp::camera::Intrinsics;
 
 use super::picture_group::PictureGroup;
+use super::record::Record;
 
 /// A shift is reported only if a component is at least this, in pixels. Pixel centres differ by half a pixel.
 const MIN_SHIFT: f64 = 0.35;
@@ -21,8 +22,8 @@ const MIN_PICTURES: usize = 5;
 const MIN_SHARE: f64 = 0.65;
 /// Pictures are counted only if their evidence across the shift is at least this, per edge.
 const MIN_SEEN: f64 = 0.1;
-/// A picture agrees with a shift that explains at least this share of the squared displacements of its edges. Without a
-/// shift, the best one explains 0.02; half a pixel explains about 0.2 for good predictions.
+/// A picture agrees with a shift that explains at least this share of the squared displacements of its edges. In good
+/// predictions, half a pixel explains a third and more; without a shift, the best one explains a few hundredths.
 const MIN_EXPLAINED: f64 = 0.08;
 /// A direction is measured only if at least this share of the evidence is across it.
 const MIN_EVIDENCE: f64 = 0.1;
@@ -34,20 +35,21 @@ const MAX_SINE: f64 = 0.15;
 /// Edges that seem to have moved by more than this, in pixels, are skipped as other content.
 const MAX_MOVED: f64 = 3.0;
 /// Number of parts across and down that are assumed to have equally wrong depths.
-const BLOCKS: u32 = 12;
+const PARTS: u32 = 12;
 /// A picture is measured only if the mean squared displacement of its edges is at most this, in pixels squared. In poor
 /// predictions, edges are matched with others.
 const MAX_MEAN_SQUARE: f64 = 1.2;
 /// A picture is measured only if it has at least this many edges.
 const MIN_EDGES: u32 = 500;
 
-/// Least squares for a picture's shift, per edge: xx, xy and yy of the normal equations' matrix, x and y of their
-/// right-hand side in pixels, and the squared displacement without a shift.
+/// The least-squares problem of a picture's shift, divided by the number of edges: the elements xx, xy and yy of the
+/// normal equations' matrix, their right-hand side x and y in pixels, and the sum of squared displacements in pixels
+/// squared, which is the error without a shift.
 pub(super) type ShiftEquations = [f32; 6];
 
-/// Measures the shift of a picture across its epipolar lines; `None` if it has too few edges along them, is too poor, or
-/// has another size than its target's photograph. `intrinsics` are the target's, and `translation` is that of the pose that maps from the
-/// source's camera to the target's.
+/// Measures the shift of a picture across its epipolar lines. `None` if its size differs from that of its target's
+/// photograph, if it has too few edges along the lines, or if too few of them match. `intrinsics` are the target's, and
+/// `translation` is that of the pose that maps from the source's camera to the target's.
 pub(super) fn shift_equations(
     intrinsics: Intrinsics,
     translation: DVec3,
@@ -60,7 +62,7 @@ pub(super) fn shift_equations(
     let (width, height) = target.dimensions();
     let focal = DVec2::new(intrinsics.fx, intrinsics.fy);
     let middle = DVec2::new(intrinsics.cx, intrinsics.cy);
-    let mut blocks = vec![Block::default(); (BLOCKS * BLOCKS) as usize];
+    let mut parts = vec![PartSums::default(); (PARTS * PARTS) as usize];
     let mut edges = 0;
     for (y, x) in (1..height.saturating_sub(1)).flat_map(|y| (1..width - 1).map(move |x| (y, x))) {
         let [seen, own] = [&target, &shown].map(|of| {
@@ -86,12 +88,12 @@ pub(super) fn shift_equations(
         if gradient.dot(along).abs() <= MAX_SINE * steepness && moved.abs() <= MAX_MOVED {
             // Across the line, by the gradient's sign.
             let across = gradient / steepness;
-            let block = y * BLOCKS / height * BLOCKS + x * BLOCKS / width;
-            blocks[block as usize].add(across, across.dot(along), moved);
+            let part = y * PARTS / height * PARTS + x * PARTS / width;
+            parts[part as usize].add(across, across.dot(along), moved);
             edges += 1;
         }
     }
-    let sums = blocks.iter().map(Block::equations).fold([0.0; 6], added);
+    let sums = parts.iter().map(PartSums::equations).fold([0.0; 6], added);
     let means = sums.map(|v| v / f64::from(edges.max(1)));
     (edges >= MIN_EDGES && means[5] <= MAX_MEAN_SQUARE).then(|| means.map(|v| v as f32))
 }
@@ -100,21 +102,22 @@ fn added(all: [f64; 6], more: [f64; 6]) -> [f64; 6] {
     std::array::from_fn(|k| all[k] + more[k])
 }
 
-/// Equations of one part of a picture, in which wrong depths are assumed to move all content alike along the epipolar
-/// lines.
+/// Sums over the edges in one part of a picture, where wrong depths are assumed to move all content alike along the
+/// epipolar lines.
 #[derive(Debug, Clone, Copy, Default)]
-struct Block {
+struct PartSums {
     /// Columns of the shift's matrix.
     normal: [DVec2; 2],
     sum: DVec2,
-    /// Coefficients of the motion along the lines in the equations of the shift.
+    /// Coefficients of that motion in the equations of the shift.
     mixed: DVec2,
-    /// Coefficient and right-hand side of the equation of the motion along the lines.
+    /// Coefficient and right-hand side of that motion's own equation.
     own: [f64; 2],
+    /// Squared displacements.
     squares: f64,
 }
 
-impl Block {
+impl PartSums {
     /// Adds an edge that was displaced by `moved` pixels in the direction `across` it; `along` is that direction's
     /// component along the epipolar line.
     fn add(&mut self, across: DVec2, along: f64, moved: f64) {
@@ -127,7 +130,7 @@ impl Block {
         self.squares += moved * moved;
     }
 
-    /// The least squares for the shift after eliminating the motion along the lines.
+    /// The shift's [`ShiftEquations`], not yet divided, after eliminating the motion along the lines.
     fn equations(&self) -> [f64; 6] {
         let [along, moved] = self.own;
         let along = along.max(1e-9);
@@ -157,8 +160,8 @@ fn smoothed(of: &GrayImage) -> ImageBuffer<Luma<f32>, Vec<f32>> {
 }
 
 /// A sentence if the pictures agree on a shift.
-pub(super) fn shifted_pictures(group: &PictureGroup<'_>) -> Option<String> {
-    let measured = group.records.iter().filter_map(|record| record.shift);
+pub(super) fn shifted_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
+    let measured = group.pictures.iter().filter_map(|record| record.shift);
     let measured: Vec<[f64; 6]> = measured.map(|of| of.map(f64::from)).collect();
     let shift = solved(measured.iter().copied().fold([0.0; 6], added));
     let matrix = |[xx, xy, yy, ..]: [f64; 6]| DMat2::from_cols_array(&[xx, xy, xy, yy]);
@@ -176,7 +179,7 @@ pub(super) fn shifted_pictures(group: &PictureGroup<'_>) -> Option<String> {
     // Avoids "-0.0".
     let [x, y] = shift.to_array().map(|v| (10.0 * v).round() / 10.0 + 0.0);
     let is_found = count >= group.extent.fewest(MIN_PICTURES)
-        && count as f64 >= MIN_SHARE * all as f64
+        && count as f64 >= group.extent.share(MIN_SHARE) * all as f64
         && (MIN_SHIFT..=MAX_SHIFT).contains(&size);
     is_found.then(|| {
         format!(
@@ -208,8 +211,9 @@ mod tests {
     use image::Rgb;
     use image::imageops::{fast_blur, sample_bilinear};
 
+    use super::super::picture_group::tests::of_dataset;
     use super::super::picture_motion::tests::{PLANE, camera, pose, view};
-    use super::super::record::Record;
+    use super::super::record::Status;
     use super::super::record::tests::record;
     use super::*;
 
@@ -233,12 +237,12 @@ mod tests {
                 let both = [&target, &shown];
                 Record {
                     shift: shift_equations(camera(80.0), own.translation, both),
-                    status: super::super::record::Status::Ok,
+                    status: Status::Ok,
                     ..record()
                 }
             })
             .collect();
-        shifted_pictures(&PictureGroup::of(&records))
+        of_dataset(&records, shifted_pictures)
     }
 
     const NEAR_PLANE: DVec3 = DVec3::new(0.11, 0.26, 0.4);

@@ -52,8 +52,8 @@ pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<Cell> {
 }
 
 /// A warning if the pictures share content that their targets do not show.
-pub(super) fn stamped_pictures(group: &PictureGroup<'_>) -> Option<String> {
-    let records = group.records.iter();
+pub(super) fn stamped_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
+    let records = group.pictures.iter();
     let compared = records.filter_map(|record| Some((*record, record.wrong_cells.as_deref()?)));
     let pictures: Vec<(&Record, &[Cell])> = compared.collect();
     let views = |of: fn(&Record) -> &String| {
@@ -117,6 +117,7 @@ pub(super) fn stamped_pictures(group: &PictureGroup<'_>) -> Option<String> {
 mod tests {
     use image::Rgb;
 
+    use super::super::picture_group::tests::of_dataset;
     use super::super::record::Status;
     use super::super::record::tests::record;
     use super::*;
@@ -144,7 +145,7 @@ mod tests {
                     }
                 })
                 .collect();
-        stamped_pictures(&PictureGroup::of(&records))
+        of_dataset(&records, stamped_pictures)
     }
 
     #[test]

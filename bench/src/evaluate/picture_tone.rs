@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::picture_group::{Extent, PictureGroup};
 use super::picture_order::is_reframed;
+use super::record::Record;
 
 /// Number of cells across and down.
 const GRID: [u32; 2] = [32, 24];
@@ -282,8 +283,8 @@ fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
 }
 
 /// A sentence if the pictures have one curve or dark corners in common.
-pub(super) fn toned_pictures(group: &PictureGroup<'_>) -> Option<String> {
-    let records = group.records.iter();
+pub(super) fn toned_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
+    let records = group.pictures.iter();
     let measured = records.filter_map(|record| Some((record.change, record.tone.as_ref()?)));
     let (changes, tones): (Vec<_>, Vec<&Tone>) = measured.unzip();
     // If most pictures have another detected change, that change explains their levels.
@@ -291,7 +292,7 @@ pub(super) fn toned_pictures(group: &PictureGroup<'_>) -> Option<String> {
     if tones.len() < group.extent.fewest(MIN_PICTURES) || 2 * changed >= tones.len() {
         return None;
     }
-    let (tones, name) = (&tones[..], group.name.as_str());
+    let (tones, name) = (&tones[..], group.name);
     match group.extent {
         Extent::Dataset => dark_corners(tones, name)
             .or_else(|| common_curve(tones, name, group.extent))
@@ -302,8 +303,8 @@ pub(super) fn toned_pictures(group: &PictureGroup<'_>) -> Option<String> {
 
 /// A sentence if most pictures are black or white where source and target show content. Pictures of another camera may
 /// lack a border.
-pub(super) fn masked_pictures(group: &PictureGroup<'_>) -> Option<String> {
-    let mut shares: Vec<u8> = group.records.iter().filter_map(|r| r.masked).collect();
+pub(super) fn masked_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
+    let mut shares: Vec<u8> = group.pictures.iter().filter_map(|r| r.masked).collect();
     shares.sort_unstable();
     let (all, median) = (shares.len(), *shares.get(shares.len() / 2)?);
     let is_masked = |share: &&u8| **share >= MIN_MASKED_PERCENT;
@@ -413,8 +414,9 @@ mod tests {
     use image::Rgb;
     use image::imageops::fast_blur;
 
+    use super::super::picture_group::tests::of_dataset;
+    use super::super::record::Status;
     use super::super::record::tests::record;
-    use super::super::record::{Record, Status};
     use super::*;
 
     const SIZE: (u32, u32) = (160, 120);
@@ -452,7 +454,7 @@ mod tests {
                 }
             })
             .collect();
-        toned_pictures(&PictureGroup::of(&records))
+        of_dataset(&records, toned_pictures)
     }
 
     const AS_READ: &Change = &|_, _, _, color| color;
@@ -565,7 +567,7 @@ mod tests {
                 masked: Some(masked),
                 ..record()
             };
-            masked_pictures(&PictureGroup::of(&shares.map(of)))
+            of_dataset(&shares.map(of), masked_pictures)
         };
         assert!(
             told([30, 40, 35, 25, 20])

@@ -227,7 +227,7 @@ version = \"0.3.7\"
     ];
 
     /// Files in those folders that affect no result: they plan, store, name or describe results, or measure time.
-    const UNDECIDING: [&str; 58] = [
+    const UNDECIDING: [&str; 59] = [
         "bench/src/evaluate/aggregation.rs",
         "bench/src/evaluate/bundle.rs",
         "bench/src/evaluate/differences.rs",
@@ -250,6 +250,7 @@ version = \"0.3.7\"
         "bench/src/evaluate/picture_motion.rs",
         "bench/src/evaluate/picture_order.rs",
         "bench/src/evaluate/picture_placement.rs",
+        "bench/src/evaluate/picture_sample.rs",
         "bench/src/evaluate/picture_shift.rs",
         "bench/src/evaluate/picture_stamp.rs",
         "bench/src/evaluate/picture_tone.rs",

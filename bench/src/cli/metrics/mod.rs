@@ -30,8 +30,9 @@ use crate::config::MetricConfig;
 use crate::config::metrics::demand_weights;
 use crate::evaluate::finding::ShownTarget;
 use crate::evaluate::picture_agreement::{agreed_changes, repeated};
-use crate::evaluate::picture_group::{Extent, in_scene, scene_of, scenes};
-use crate::evaluate::picture_order::{compared_pictures, misplaced, shown_target};
+use crate::evaluate::picture_group::{PictureGroup, all_or_scenes, scene_of};
+use crate::evaluate::picture_order::{misplaced, shown_target};
+use crate::evaluate::picture_sample::compared_pictures;
 use crate::io::atomic_files::{check_writable, folder_of, write_atomic};
 use crate::io::counts::counted;
 use crate::io::observer::Observer;
@@ -194,12 +195,12 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
 /// Warnings about all pairs together, one sentence each. `order` says with which other targets some predictions are
 /// compared.
 fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>>) -> Vec<String> {
-    let changed = |pictures: &[usize], extent: Extent| {
-        let pictures = pictures.iter().map(|at| &scored[*at]);
+    let changed = |group: &PictureGroup<'_, usize>| {
+        let pictures = group.pictures.iter().map(|at| &scored[*at]);
         let changes: Vec<_> = pictures
             .map(|pair| (pair.name.as_str(), pair.change))
             .collect();
-        agreed_changes(&changes, "given as targets", extent)
+        agreed_changes(&changes, "given as targets", group.extent)
     };
     let shown = |at: usize, others: &[(ShownTarget, usize)]| {
         let small = |at: usize| scored[at].small.as_ref();
@@ -211,30 +212,20 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
     let compared: BTreeMap<usize, ShownTarget> = compared
         .filter_map(|(at, others)| Some((*at, shown(*at, others)?)))
         .collect();
-    let misplaced = |pictures: &[usize], extent: Extent| {
+    let misplaced = |group: &PictureGroup<'_, usize>| {
         let mut found = BTreeMap::new();
-        for shown in pictures.iter().filter_map(|at| compared.get(at)) {
+        for shown in group.pictures.iter().filter_map(|at| compared.get(at)) {
             *found.entry(*shown).or_insert(0) += 1;
         }
-        let misplaced = misplaced(&found, "pictures", extent).map(|text| {
+        let misplaced = misplaced(&found, "pictures", group.extent).map(|text| {
             text + " (or predictions merely repeat the previous or next picture, which looks the same)"
         });
         misplaced.into_iter().collect()
     };
-    let scenes = scenes(scored.iter().map(|pair| scene_of(&pair.name)).zip(0..));
-    let joint = |check: &dyn Fn(&[usize], Extent) -> Vec<String>| {
-        let all: Vec<usize> = (0..scored.len()).collect();
-        let found = check(&all, Extent::Dataset);
-        if !found.is_empty() {
-            return found;
-        }
-        let of_scenes = scenes.iter().flat_map(|(scene, pictures)| {
-            let found = check(pictures, Extent::Scene).into_iter();
-            found.map(|text| in_scene(scene, &text))
-        });
-        of_scenes.collect()
-    };
-    let mut all = [joint(&changed), joint(&misplaced)].concat();
+    let scenes = scored.iter().map(|pair| scene_of(&pair.name).to_owned());
+    let pictures: Vec<(String, usize)> = scenes.zip(0..).collect();
+    let mut all = all_or_scenes("", &pictures, changed);
+    all.extend(all_or_scenes("", &pictures, misplaced));
     let pixels: Vec<_> = scored
         .iter()
         .map(|pair| (pair.name.as_str(), pair.pixels))
