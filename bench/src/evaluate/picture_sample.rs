@@ -29,33 +29,47 @@ pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
         let of_dataset = datasets.entry(&planned.scene.dataset).or_default();
         of_dataset.push(*planned);
     }
-    let mut compared = OtherPairs::new();
-    for all in datasets.values().filter(|all| all.len() >= FEWEST) {
-        let n = all.len();
-        let mut targets = BTreeMap::new();
-        for planned in all {
-            let view = (&planned.scene.id, &planned.target.id);
-            targets.entry(view).or_insert(*planned);
-        }
-        for at in sampled(all.iter().map(|planned| planned.scene.id.as_str())) {
-            let own = &all[at];
-            let (near, far): (Vec<_>, Vec<_>) = targets
-                .values()
-                .partition(|other| other.scene.id == own.scene.id);
-            let near: Vec<_> = spread(near.len(), OTHERS).map(|k| near[k]).collect();
-            let far = spread(far.len(), OTHERS - near.len()).map(|k| far[k]);
-            let elsewhere = near.into_iter().chain(far);
-            let others = [
-                (ShownTarget::Previous, all[(at + n - 1) % n]),
-                (ShownTarget::Next, all[(at + 1) % n]),
-            ];
-            let others = others
-                .into_iter()
-                .chain(elsewhere.map(|other| (ShownTarget::Other, other)));
-            compared.insert(own.pair.pair_id.clone(), others.collect());
-        }
+    let of_dataset = |all: Vec<ResolvedPair<'a>>| {
+        let names = all.iter().map(|of| [&*of.scene.id, &*of.target.id]);
+        let compared = compared_pictures(&names.collect::<Vec<_>>()).into_iter();
+        let compared = compared.map(|(at, others)| {
+            let others = others.into_iter().map(|(place, k)| (place, all[k]));
+            (all[at].pair.pair_id.clone(), others.collect())
+        });
+        compared.collect::<OtherPairs<'a>>()
+    };
+    datasets.into_values().flat_map(of_dataset).collect()
+}
+
+/// Which pictures are compared, and with whose targets, as indices. `targets` lists the scene and the target of each
+/// picture.
+pub(crate) fn compared_pictures(
+    targets: &[[&str; 2]],
+) -> BTreeMap<usize, Vec<(ShownTarget, usize)>> {
+    let count = targets.len();
+    if count < FEWEST {
+        return BTreeMap::new();
     }
-    compared
+    let mut distinct = BTreeMap::new();
+    for (at, target) in targets.iter().enumerate() {
+        distinct.entry(target).or_insert(at);
+    }
+    let others = |at: usize| {
+        let neighbours = [
+            (ShownTarget::Previous, (at + count - 1) % count),
+            (ShownTarget::Next, (at + 1) % count),
+        ];
+        let is_near = |other: &usize| targets[*other][0] == targets[at][0];
+        let (near, far): (Vec<usize>, Vec<usize>) = distinct.values().partition(|k| is_near(k));
+        let far_ones = OTHERS.saturating_sub(near.len());
+        let near = spread(near.len(), OTHERS).map(|k| near[k]);
+        let elsewhere = near.chain(spread(far.len(), far_ones).map(|k| far[k]));
+        let elsewhere = elsewhere.map(|other| (ShownTarget::Other, other));
+        let all = neighbours.into_iter().chain(elsewhere);
+        all.filter(|(_, other)| *other != at).collect()
+    };
+    let sampled = sampled(targets.iter().map(|[scene, _]| *scene));
+    sampled.into_iter().map(|at| (at, others(at))).collect()
 }
 
 /// Which pictures are compared, given the scene of each.
@@ -77,28 +91,33 @@ fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
     (0..n).map(move |k| k * count / n + k % (count / n).max(1))
 }
 
-/// Which pictures of a folder are compared, and with whose targets, as in [`compared_pairs`]. `scene_of` lists the
-/// scene of each picture.
-pub(crate) fn compared_pictures(scene_of: &[&str]) -> BTreeMap<usize, Vec<(ShownTarget, usize)>> {
-    let count = scene_of.len();
-    if count < FEWEST {
-        return BTreeMap::new();
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scene_is_sampled_and_compared_with_itself_first() {
+        let names: Vec<String> = (0..30).map(|k| k.to_string()).collect();
+        let scenes = ["a", "b", "c"];
+        let targets = names.iter().enumerate();
+        let targets: Vec<[&str; 2]> = targets.map(|(k, name)| [scenes[k / 10], name]).collect();
+        let compared = compared_pictures(&targets);
+        for scene in 0..3 {
+            let of_scene = compared.keys().filter(|at| *at / 10 == scene);
+            assert!(of_scene.count() >= SAMPLED_IN_SCENE, "{scene}");
+        }
+        for (at, others) in &compared {
+            assert!(others.iter().all(|(_, other)| other != at));
+            let near = others.iter().filter(|(_, other)| other / 10 == at / 10);
+            let near: BTreeSet<usize> = near.map(|(_, other)| *other).collect();
+            assert_eq!(near.len(), 9, "{at}");
+        }
+        // Two pairs with one target are compared with it once.
+        let [one, other] = [["a", "0"], ["a", "1"]];
+        let repeated = compared_pictures(&[one, one, one, one, other]);
+        let elsewhere = repeated[&0]
+            .iter()
+            .filter(|(place, _)| *place == ShownTarget::Other);
+        assert_eq!(elsewhere.collect::<Vec<_>>(), [&(ShownTarget::Other, 4)]);
     }
-    let others = |at: usize| {
-        let neighbours = [
-            (ShownTarget::Previous, (at + count - 1) % count),
-            (ShownTarget::Next, (at + 1) % count),
-        ];
-        let is_near = |other: &usize| scene_of[*other] == scene_of[at];
-        let (near, far): (Vec<usize>, Vec<usize>) = (0..count).partition(is_near);
-        let elsewhere = spread(near.len(), OTHERS).map(|k| near[k]);
-        let far = spread(far.len(), OTHERS.saturating_sub(near.len())).map(|k| far[k]);
-        let elsewhere = elsewhere
-            .chain(far)
-            .map(|other| (ShownTarget::Other, other));
-        let all = neighbours.into_iter().chain(elsewhere);
-        all.filter(|(_, other)| *other != at).collect()
-    };
-    let sampled = sampled(scene_of.iter().copied()).into_iter();
-    sampled.map(|at| (at, others(at))).collect()
 }

@@ -163,8 +163,8 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     let terminal = Terminal::default();
     terminal.begin("scoring", inputs.len(), "pictures");
     let mut scored = Vec::with_capacity(inputs.len());
-    let scenes: Vec<&str> = inputs.iter().map(|input| scene_of(&input.name)).collect();
-    let order = compared_pictures(&scenes);
+    let targets = inputs.iter().map(|of| [scene_of(&of.name), &*of.name]);
+    let order = compared_pictures(&targets.collect::<Vec<_>>());
     let others = order.values().flatten().map(|(_, other)| *other);
     let compared: BTreeSet<usize> = order.keys().copied().chain(others).collect();
     for (at, input) in inputs.into_iter().enumerate() {
