@@ -19,8 +19,9 @@
 //!   [`status`]: progress.
 //! * `keys`: hashed inputs of each stage; [`gaussians`]: predictions of sources, stored, rendered and compared with
 //!   their photographs; `picture_check`, `picture_framing`, `picture_layout`, `picture_levels`, `picture_motion`,
-//!   `picture_order`, `picture_placement`, `picture_shift` and `picture_stamp`: compare pictures with the photographs that they predict;
-//!   [`finding`]: the results of these comparisons; `picture_agreement` and [`doubts`]: warnings about them.
+//!   `picture_order`, `picture_placement`, `picture_shift` and `picture_stamp`: compare pictures with the photographs
+//!   that they predict; [`finding`]: the results of these comparisons; `picture_agreement` and [`doubts`]: warnings
+//!   about them.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]:
 //!   facts common to all results of a folder; `differences`: which facts may differ between combined results.
 //! * [`aggregation`]: means over pairs.
