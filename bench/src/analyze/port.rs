@@ -17,14 +17,14 @@ use sharp::unprojection::covariance;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
-/// Maximum number of Gaussians on which an interpretation of the port's file is tested.
+/// An interpretation of the port's file is tested on about this many Gaussians, evenly spread over the file.
 const SAMPLE: usize = 4096;
 /// Gaussians count as matched if their median distance, as computed by [`Pair::distance`], is below this many pixels.
 const SAME_PLACE: f64 = 2.0;
 /// How many times larger one number must be to count as clearly larger. Used to compare an attribute's median
 /// difference under two interpretations of the file, and the size of a common shift with its spread.
 const MUCH_LESS: f64 = 10.0;
-/// If an attribute's median difference is at most this, in per cent, no other interpretation is tried.
+/// Median differences of an attribute up to this, in per cent, count as agreement: no other interpretation is chosen.
 const NEGLIGIBLE: f64 = 0.1;
 /// A common shift of all Gaussians is reported as a cause if it is at least this large, in pixels.
 const MIN_SHIFT: f64 = 0.05;
@@ -47,7 +47,7 @@ pub struct FieldDifference {
 pub struct PortComparison {
     /// How the Gaussians in the port's file are ordered relative to the reference's.
     pub order: &'static str,
-    /// Number of the port's Gaussians in excess of those matched one-to-one with the reference.
+    /// Number of the port's Gaussians minus the number of the reference's Gaussians that have a counterpart.
     pub extra: usize,
     /// Number of the reference's Gaussians without a counterpart in the port.
     pub missing: usize,
@@ -55,9 +55,9 @@ pub struct PortComparison {
     pub not_finite: usize,
     /// Differences if the port's file is read with the settings given by the user.
     pub as_read: Vec<FieldDifference>,
-    /// Changes to these settings that explain most of the differences.
+    /// Changes to the given settings that explain most of the differences.
     pub settings: Vec<(&'static str, String)>,
-    /// Differences that remain after these changes.
+    /// Differences that remain after these changes; empty if there are none.
     pub with_settings: Vec<FieldDifference>,
 }
 

@@ -88,7 +88,8 @@ impl PairConfig {
     /// Where the pairs are taken from: an existing list, or a recipe that builds one.
     ///
     /// # Errors
-    /// If options for building a list are given together with a list, or a file that the recipe needs is missing.
+    /// If options for building a list are given together with a list, or the files that are given or found do not suit
+    /// `overlap=`.
     pub fn origin(&self) -> Result<PairOrigin, ConfigError> {
         let overlap = &self.overlap;
         let builds = [

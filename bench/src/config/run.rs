@@ -211,7 +211,7 @@ impl RunConfig {
         backend(&given, self.adapter.as_deref())
     }
 
-    /// Resolves relative paths against `folder` and makes it the working directory of programs that methods start.
+    /// Resolves relative paths against `folder`, in which programs of methods without `cwd=` also run.
     #[must_use]
     pub fn rooted(mut self, folder: &Path) -> Self {
         let root = |path: &mut PathBuf| *path = folder.join(&path);

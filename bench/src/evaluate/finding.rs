@@ -306,7 +306,7 @@ impl Framing {
     /// A framing counts as wrong if its zoom, roll or shift differs from the target's by at least these values, in the
     /// units of the fields. In zoomed pictures, roll and shift must differ by more.
     const MIN_FRAMING: [i16; 3] = [15, 700, 5];
-    /// A distortion counts as wrong if [`Framing::lens`] is at least this, or at most its negative.
+    /// A distortion counts as wrong if the magnitude of [`Framing::lens`] is at least this.
     const MIN_LENS: i16 = 40;
     /// Distortions count as alike if they differ by at most this, in thousandths, or by a quarter of the distortion if
     /// that is larger.

@@ -32,7 +32,7 @@ pub struct NameError(String);
 impl std::str::FromStr for Named {
     type Err = NameError;
 
-    /// Splits at `=`, unless the whole text is the path of an existing folder.
+    /// Splits at the first `=`, unless the whole text is an existing path or the name would be empty.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let plain = Self {
             name: None,

@@ -63,9 +63,9 @@ impl RunPlan {
 
 /// Estimated cost of a whole evaluation, including finished units.
 ///
-/// Times are assumed to grow linearly with the numbers of sources and pairs. If a method predicts Gaussians, only a
-/// source's first pair includes the prediction. Rescoring for `common_region` is not included. The time of `command`
-/// programs is included only in [`wall_secs`](StageCost::wall_secs).
+/// Times and disk space are assumed to grow linearly with the numbers of sources and pairs. If a method predicts
+/// Gaussians, only a source's first pair includes the prediction. Rescoring for `common_region` is not included. The
+/// time of `command` programs is included only in [`wall_secs`](StageCost::wall_secs).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
     /// Number of units (pairs times methods).

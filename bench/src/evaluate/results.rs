@@ -221,7 +221,7 @@ impl Results {
             return Err(EvaluateError::NotKept {
                 folder: folder.root().to_owned(),
                 reason: format!(
-                    "{difference}; evaluate both results on the same files, in this folder or another"
+                    "{difference}; run again with the same files for all results, in this folder or another"
                 ),
             });
         }

@@ -93,8 +93,8 @@ impl RunProgress {
     }
 }
 
-/// The numbers (from 1) of those of `count` shards that have a unit without a result. With `retry_failed`, also of
-/// shards that have a failed unit.
+/// Splits the plan into `count` shards, and returns the numbers (from 1) of the shards with a unit that has no result.
+/// With `retry_failed`, shards with a failed unit are included.
 ///
 /// # Errors
 /// Those of [`RunProgress::read`]; also if `count` is out of range.

@@ -62,7 +62,7 @@ pub struct ReadPicture {
     pub is_jpeg: bool,
 }
 
-/// Largest plausible ratio of decoded to stored bytes for a losslessly compressed picture.
+/// Largest plausible number of pixels per stored byte of a losslessly compressed picture.
 const MAX_COMPRESSION: u64 = 1 << 11;
 
 /// Whether the name ends in one of [`EXTENSIONS`], in any case.

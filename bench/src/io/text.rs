@@ -130,7 +130,7 @@ pub fn csv_bytes<R: IntoIterator<Item: AsRef<[u8]>>>(
     writer.into_inner().unwrap_or_default()
 }
 
-/// The text of a CSV cell, without the prefix that [`csv_cell`] may have added. Cells of other programs are unchanged.
+/// The text of a CSV cell: without the prefix if it is one that [`csv_cell`] adds, otherwise unchanged.
 pub fn csv_text(cell: &str) -> &str {
     match cell.strip_prefix('\'') {
         Some(text) if is_formula(text) => text,

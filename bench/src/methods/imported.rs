@@ -26,9 +26,9 @@ use crate::scoring::Region;
 /// ([`PictureReading`](crate::io::pictures::PictureReading)). Like all predictions, the pictures
 /// are rounded to 8 bit.
 ///
-/// A picture of another size than the target's is an error unless one of these settings explains it:
+/// A picture of another size than the target's is an error unless these settings explain it:
 ///
-/// * `resize=KERNEL`: the kernel for resizing pictures of the same aspect ratio.
+/// * `resize=KERNEL`: the kernel for resizing pictures with the aspect ratio of the part that they cover.
 /// * `crop=`: the part of the target that the picture covers. `x:y:w:h` is in pixels of the target, `center:W:H` is the
 ///   largest centred part with that aspect ratio, `center` is the largest one with the picture's own aspect ratio, and
 ///   `sidecar` reads the part from `DIR/<pair_id>.json`, which contains `{"crop": [x, y, width, height]}`.

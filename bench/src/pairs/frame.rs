@@ -188,7 +188,7 @@ impl Framed {
     fn covered(at: u32, corner: u32, from: u32, resized: u32) -> (u32, u32) {
         let place = |at: u32| f64::from(at) * f64::from(from) / f64::from(resized);
         let (first, end) = (place(at + corner), place(at + corner + 1));
-        // An end that passes a pixel's edge only by a rounding error counts as lying on the edge.
+        // A position that misses a pixel's edge only by a rounding error counts as lying on the edge.
         let end = (end - 1e-9).ceil() as u32;
         ((first + 1e-9).floor() as u32, end.min(from))
     }

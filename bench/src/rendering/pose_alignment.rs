@@ -19,7 +19,7 @@ use crate::pairs::depth::median_depth_m;
 /// Width of the last and largest picture, in pixels; narrower targets end at their own width. Each earlier picture is
 /// half as wide as the next.
 const WIDEST: u32 = 640;
-/// Minimum width of a picture, in pixels.
+/// Minimum width of all pictures but the last, in pixels.
 const NARROWEST: u32 = 60;
 /// Minimum low-pass for all pictures but the last, in px²; it blurs Gaussians that would be smaller than a pixel.
 const LOW_PASS: f32 = 0.3;

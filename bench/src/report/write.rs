@@ -263,9 +263,9 @@ fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Tabl
     (metrics, tables)
 }
 
-/// Fails if the folder contains anything other than a report, or if a subfolder of the report is a link. A report is
-/// recognised by our mark in its page or, before the page is written, by a list of files that names the page. Dot files
-/// are ignored.
+/// Fails if the folder is neither empty nor a report, or if a subfolder of the report is a link. A report is recognised
+/// by our mark in its page or, before the page is written, by a list of files that names the page. Dot files are
+/// ignored.
 fn check_folder(out: &Path) -> Result<(), FileError> {
     let refused = |path: &Path, reason: &str| {
         let reason = format!("{reason}; choose another folder with --out");

@@ -117,8 +117,8 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     true => format!("states the rule {}", rule.rule),
                     false => "states no rule".to_owned(),
                 };
-                // SHARP's rule needs encoded colours that are blended in linear light, but the new file cannot state
-                // that its colours are encoded.
+                // SHARP's rule blends linear light, but the new file cannot state that its colours are encoded, so the
+                // user must.
                 let colors = match made_for.rule == Rule::SHARP {
                     true => ",color_space=srgb",
                     false => "",

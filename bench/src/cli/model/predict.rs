@@ -108,8 +108,8 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Runs `predict` for each photograph and its output, and prints the results as JSON if requested. `were_what` starts
-/// the error that says that every photograph failed, for example "Gaussians were".
+/// Runs `predict` for each photograph and its output, and prints the results as JSON if requested. If every photograph
+/// fails, the error is "no {were_what} predicted", where `were_what` is for example "Gaussians were".
 pub(super) fn for_each(
     args: &PredictArgs,
     outputs: &[PathBuf],

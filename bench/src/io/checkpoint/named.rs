@@ -64,11 +64,11 @@ pub enum NetworkError {
 
 /// The network of a checkpoint, on the CPU. `checkpoint` is a file, or `mini` for the bundled network; without it, the
 /// official checkpoint is searched for. The configuration is `config` (`FILE.json#NAME`) if given, otherwise that of a
-/// fitting `.json` next to the file, otherwise the release's.
+/// fitting `.json` next to the file, otherwise the release's. `mini` has its own configuration and accepts no other.
 ///
 /// # Errors
-/// [`NetworkError`] if no checkpoint is found, if the file or its configuration cannot be read, or if several
-/// configurations fit.
+/// [`NetworkError`] if no checkpoint is found, if the file or its configuration cannot be read, if several
+/// configurations fit, or if `config` is given for `mini`.
 pub fn named_network(
     checkpoint: Option<&Path>,
     config: Option<&str>,

@@ -77,8 +77,8 @@ fn sizes(parameters: u64) -> RangeInclusive<u64> {
 }
 
 impl Release {
-    /// SHARP's official release. Neither the size nor a hash of the file is published. The size is bounded by the
-    /// number of parameters.
+    /// SHARP's official release. Neither the size nor a hash of the file is published. The range of plausible sizes is
+    /// computed from the number of parameters.
     pub fn official() -> Self {
         Self {
             name: "sharp",

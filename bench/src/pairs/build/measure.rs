@@ -54,7 +54,7 @@ impl<'a> Measuring<'a> {
         self.learnt.get()
     }
 
-    /// Measures the unknown overlaps of those pairs in a set of views whose distance is in the requested range. Depth
+    /// Measures the unknown overlaps of those pairs in a set of views whose baseline is in the requested range. Depth
     /// is loaded in blocks of views, two of which fit into memory. One block usually suffices; each view is then read
     /// once.
     pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {

@@ -14,8 +14,8 @@ use crate::pairs::Pair;
 /// rounding.
 const SAME_BASELINE_M: f64 = 1e-9;
 
-/// Largest difference at which rotations count as equal, in degrees. It allows for the rounding of the arc cosine or
-/// sine from which the angle is computed.
+/// Largest difference at which rotations count as equal, in degrees. It allows for rounding errors, which are amplified
+/// by the arc cosine or arc sine that gives the angle.
 const SAME_ROTATION_DEG: f64 = 1e-6;
 
 /// Result of comparing a list's photographs and cameras with local files.

@@ -90,7 +90,8 @@ pub struct CellExplanation {
     pub as_scored: Option<f64>,
     /// Number of pairs in the run. Readings cover only pairs whose picture was kept.
     pub pairs: usize,
-    /// Readings that cover the largest number of pairs, the run's own first. Readings over fewer pairs are left out.
+    /// Readings of the metric, the run's own first. Of the readings with the same [`SceneReading`], only those over the
+    /// largest number of pairs are listed.
     pub readings: Vec<ReadingValue>,
     pub verdict: Agreement,
 }

@@ -25,7 +25,7 @@ pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
 /// A method's index, median seconds and mean score.
 type Placed = (usize, f64, f64);
 
-/// Seconds per prediction, as recorded in the runs. Runs read from bundles have no times and are left out.
+/// Seconds per prediction, as recorded in the run folders. Runs read from bundles are left out.
 ///
 /// # Errors
 /// If a folder cannot be read.

@@ -13,7 +13,7 @@ use sharp_plots::bins::{Bin, Cuts, bins};
 /// crosses zero. If there are empty bins between the two, no line joins them, and it is the position of the next bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossing {
-    /// The position: −∞ if the mean is already above zero in the first bin, ∞ if it is not above zero in the last.
+    /// The position: −∞ if the mean is above zero in every bin, ∞ if it is not above zero in the last.
     pub x: f64,
     /// 95 % interval of the position over resamples. Each resample draws whole clusters with replacement, as many as
     /// there are. `None` for fewer than two clusters. An end may be infinite, like the position itself.

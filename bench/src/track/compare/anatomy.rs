@@ -25,7 +25,7 @@ use crate::scoring::{GroundTruth, Region, Scoring};
 
 /// Two depths belong to different surfaces if they differ by more than this share. Overlap uses the same value.
 const SURFACE_TOLERANCE: f64 = 0.05;
-/// Width of the band along a depth edge that belongs to the edge, on each side, in pixels.
+/// Distance up to which pixels belong to a depth edge, in pixels.
 const EDGE_RADIUS: i64 = 3;
 /// A class has scores for a pair only if it has at least this share of the pair's scored pixels.
 const MIN_SHARE: f64 = 0.001;
