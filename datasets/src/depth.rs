@@ -148,10 +148,10 @@ impl StereoGeometry {
 
     /// Converts a disparity map.
     ///
-    /// Rejects a map that has values but no disparity within the picture's width: if the byte order
-    /// is wrong, disparities are denormal or astronomical. Also rejects negative disparities, unless `doffs` makes all
-    /// their depths positive, as in pictures that were cropped differently. Whether these are negated instead is left
-    /// to the check of the pair's pictures.
+    /// Rejects a map that has values but no disparity within the picture's width: if the byte order is wrong,
+    /// disparities are denormal or astronomical. Also rejects a map whose disparities are nearly all negative, unless
+    /// `doffs` makes all their depths positive, as in pictures that were cropped differently. In that case, only a
+    /// comparison of the pictures can show whether the disparities were negated.
     fn depth_map(&self, path: &Path, disparity: &FloatMap) -> Result<DepthMap, DatasetError> {
         let widest = f64::from(disparity.width());
         let (mut sane, mut strange, mut negative, mut mark) = (0_u64, 0_u64, 0_u64, None);

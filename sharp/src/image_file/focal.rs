@@ -246,8 +246,8 @@ impl Sensor {
         format!(" (by the file's FocalPlaneXResolution, the sensor is {width_mm:.1} mm wide)")
     }
 
-    /// Warns that the pixel pitch gives a focal length other than `px`. Resizing a picture changes its pixel pitch;
-    /// cropping changes its 35 mm equivalent.
+    /// Warns that the pixel pitch gives a focal length other than `px`. After a picture is resized, only the stated
+    /// 35 mm equivalent is still valid; after it is cropped, only the stated pixel pitch.
     fn text(self, source: FocalSource, px: f64) -> String {
         let Self {
             lens_mm,

@@ -223,9 +223,9 @@ impl<'a> Matches<'a> {
         Some(compared(&as_read, &other)?.evidence())
     }
 
-    /// Looks for pairs of a view in `starts` and the next view whose own poses do not explain their matches, and
-    /// returns the poses of other views that do, as a sentence with the matches explained. Empty if any such pair
-    /// remains unexplained or two pictures would share a pose: among so many poses, some fit by chance.
+    /// Looks for pairs of a view in `starts` and the next view whose own poses do not explain their matches, but those
+    /// of other views do. Returns a sentence for each such pair, with the matches explained. Empty if any pair remains
+    /// unexplained or two pictures would share a pose: among so many poses, some fit by chance.
     fn all_elsewhere(
         &self,
         starts: &BTreeSet<usize>,
@@ -470,13 +470,13 @@ fn patches(grey: &Grey) -> Vec<[f32; PATCH]> {
     all.map(|at| patch(grey, at)).collect()
 }
 
-/// True if the patches around two pixels are not those of one feature.
+/// True if two pixels are too far apart to belong to the same feature.
 fn is_apart(one: (u32, u32), other: (u32, u32)) -> bool {
     one.0.abs_diff(other.0).max(one.1.abs_diff(other.1)) > RADIUS
 }
 
 /// The pixel of another view that matches a patch best, searched within a quarter of the picture around the patch's
-/// position, and whether this match is unique.
+/// position, and whether this match is unique. `None` if no pixel matches well enough.
 fn matching(
     wanted: &[f32; PATCH],
     at: (u32, u32),
