@@ -189,8 +189,8 @@ impl StereoGeometry {
                 path,
                 format!(
                     "{negative} disparities are negative and {sane} positive, but disparity (x in the left picture \
-                     minus x in the right one) must be {least}; perhaps the pictures are swapped or the disparities are \
-                     negated"
+                     minus x in the right one) must be {least}; perhaps the pictures are swapped or the disparities \
+                     are negated"
                 ),
             ));
         }

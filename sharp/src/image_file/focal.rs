@@ -186,8 +186,8 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
 fn unlikely(source: FocalSource, px: f64) -> Option<String> {
     match source {
         FocalSource::Equivalent35mm(mm) if !LENSES_MM.contains(&mm) => Some(format!(
-            "the file states a focal length of {mm} mm on 35 mm film, which no lens has, so {px:.2} px is probably wrong; \
-            set --focal-px"
+            "the file states a focal length of {mm} mm on 35 mm film, which no lens has, so {px:.2} px is probably \
+             wrong; set --focal-px"
         )),
         _ => None,
     }

@@ -72,7 +72,7 @@ pub(super) struct Matches<'a> {
 }
 
 impl<'a> Matches<'a> {
-    /// Matches features of neighbouring views. If `both_ways`, a feature must also be the best match of its match, which
+    /// Matches features of neighbouring views. If `both_ways`, a feature must also be the best match of its match. This
     /// rules out most wrong matches in repeated patterns.
     pub(super) fn new(views: &'a [View], effort: Effort, both_ways: bool) -> Self {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
