@@ -148,10 +148,10 @@ impl StereoGeometry {
 
     /// Converts a disparity map.
     ///
-    /// Rejects a map that has values but no disparity within the picture's width: if the byte order
-    /// is wrong, disparities are denormal or astronomical. Also rejects negative disparities, unless `doffs` makes all
-    /// their depths positive, as in pictures that were cropped differently. Whether these are negated instead is left
-    /// to the check of the pair's pictures.
+    /// Rejects a map that has values but no disparity within the picture's width: if the byte order is wrong,
+    /// disparities are denormal or astronomical. Also rejects a map whose disparities are nearly all negative, unless
+    /// `doffs` makes all their depths positive, as in pictures that were cropped differently. In that case, only a
+    /// comparison of the pictures can show whether the disparities were negated.
     fn depth_map(&self, path: &Path, disparity: &FloatMap) -> Result<DepthMap, DatasetError> {
         let widest = f64::from(disparity.width());
         let (mut sane, mut strange, mut negative, mut mark) = (0_u64, 0_u64, 0_u64, None);
@@ -178,7 +178,7 @@ impl StereoGeometry {
         let stored = disparity.as_raw().iter();
         let depth = stored.map(|d| self.depth(*d, least)).collect();
         if negative > MIN_NEGATIVE_RATIO * sane.max(1) && !are_values {
-            let least = match self.doffs > 0.0 {
+            let least = match self.doffs != 0.0 {
                 true => format!(
                     "above {}, the difference of the principal points",
                     -self.doffs
@@ -189,8 +189,8 @@ impl StereoGeometry {
                 path,
                 format!(
                     "{negative} disparities are negative and {sane} positive, but disparity (x in the left picture \
-                     minus x in the right one) must be {least}; perhaps the pictures are swapped or the disparities are \
-                     negated"
+                     minus x in the right one) must be {least}; perhaps the pictures are swapped or the disparities \
+                     are negated"
                 ),
             ));
         }

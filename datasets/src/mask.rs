@@ -9,8 +9,8 @@ use crate::format::picture;
 use crate::left_out::first_few;
 use crate::undistort::Undistortion;
 
-/// The lowest level of a mask that counts as white; lower ones count as black. Masks consist of 0 and 255, but JPEG and
-/// resizing add levels between them.
+/// The lowest level that counts as white in a mask whose format does not define it; lower ones count as black. Masks
+/// consist of 0 and 255, but JPEG and resizing add levels between them.
 pub(crate) const WHITE: u8 = 128;
 
 /// The side of a mask that marks valid pixels.

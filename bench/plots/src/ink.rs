@@ -41,7 +41,8 @@ impl Ink {
     }
 
     /// Adapts a colour that was chosen for a white page to `page`. [`PAPER`] becomes the page's colour. On a dark page,
-    /// texts and lines become lighter than the page by as much as they were darker than white.
+    /// neutral texts, lines and bars become lighter than the page, in proportion to how much darker than white they
+    /// were. Other colours stay the same.
     pub(super) fn on(self, page: Self) -> Self {
         let is_neutral = [INK, MUTED, GRID, BARS]
             .iter()

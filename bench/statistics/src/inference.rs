@@ -60,8 +60,8 @@ pub enum NoInference {
     #[error("a single cluster shows no spread between clusters")]
     OneCluster,
     #[error(
-        "all clusters of a dataset have the same difference, and the differences of the datasets have \
-             opposite signs"
+        "within each dataset, all clusters have the same difference, and the datasets' differences have \
+         opposite signs"
     )]
     NoSpread,
 }

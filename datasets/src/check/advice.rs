@@ -227,11 +227,12 @@ pub(super) fn sentence(
     }
 }
 
-/// Returns the setting that brings poses and depth to the same unit, and text about the alternative to it (empty if
-/// there is none).
+/// Returns the setting that brings poses and depth to the same unit (in words, if there is no such setting), and text
+/// about the alternative to it (empty if there is none).
 ///
-/// If depth is implausible as read, its own unit is changed, and there is no alternative. Otherwise, the unit of the
-/// poses is changed; changing that of depth is the alternative, if depth stays plausible.
+/// If depth is implausible as read, or poses have no setting, the unit of depth is changed, and there is no
+/// alternative. Otherwise, the unit of the poses is changed; changing that of depth is the alternative. The unit of
+/// depth is never changed if depth would become implausible.
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     if units.is_of_points {
         let factor = number(scale);

@@ -34,7 +34,8 @@ const AGREEING: f64 = 0.9;
 /// If at least [`AGREEING`] of the depths already agree as read, a change is needed only if it raises that fraction by
 /// at least this much, or if the colours require it ([`NEARER_COLOURS`]).
 const MORE_AGREEING: f64 = 0.03;
-/// If colours alone may show that a change is needed, it is needed if it multiplies their differences by this or less.
+/// Where colours alone may show that a change is needed, they do if the change reduces their differences to this
+/// fraction or less.
 const NEARER_COLOURS: f64 = 0.9;
 /// A tile of a picture is judged only if at least this many samples lie in it.
 const ENOUGH_IN_TILE: usize = 8;

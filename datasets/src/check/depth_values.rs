@@ -13,8 +13,8 @@ use super::small_view::Sample;
 const MIN_LIMITED: f64 = 0.01;
 /// Depth is judged only if it is known at this many positions or more.
 const ENOUGH_LIMITED: usize = 100;
-/// Two views that both have the maximum depth at a position contradict each other if, according to the poses, the
-/// relative difference of their depths exceeds this.
+/// A point that has the maximum depth in both of two views contradicts the poses if the depth that they predict for it
+/// in the other view differs from the maximum by more than this, relative to the maximum.
 const OFF_LIMIT: f64 = 0.002;
 /// The same threshold in quantisation steps of the depth map at its maximum; the larger of [`OFF_LIMIT`] and this
 /// applies.

@@ -264,9 +264,9 @@ impl Explained {
         explained
     }
 
-    /// Adds the depth losses of samples that land in `b`, and moves the samples whose loss is not yet at its maximum to
-    /// the front of `landings`: only these need a comparison of colours. Returns their number. The second argument has
-    /// the view with its camera and its factor of depth under the reading.
+    /// Compares the depths of samples that land in `b`, and adds the loss of those at which it is saturated. Moves the
+    /// others, whose loss also depends on colours, to the front of `landings`, and returns their number. `b` comes with
+    /// its camera and its factor of depth, both under `reading`.
     fn compare_depths(
         &mut self,
         landings: &mut [Landing],

@@ -54,7 +54,8 @@ impl Residual {
         self.on_lines as f64 >= MIN_ON_LINES * self.matches as f64
     }
 
-    /// Median distance of matches from their predicted places; `None` if it is acceptable.
+    /// Median distance of matches from their predicted places; `None` if there are too few matches, or if they do not
+    /// contradict depth.
     fn misses_by(&self) -> Option<f64> {
         let n = self.misses.len();
         let median = *self.misses.get(n / 2).filter(|_| n >= MIN_MATCHES)?;

@@ -51,8 +51,8 @@ impl Posed {
 }
 
 impl Neighbours<'_> {
-    /// Changes of a single view that make it fit its neighbours significantly better, and as well as these fit each
-    /// other. Each comes with its effect on the projections.
+    /// Changes of a single view that make it fit its neighbours significantly better, and nearly as well as these fit
+    /// each other ([`MAX_LEFT`]). Each comes with its effect on the projections.
     pub(super) fn one_view(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
         let pose = |i: usize| self.views[i].camera_from_world;
         let small = self.small.iter().map(|(i, read)| (*i, &read.0));

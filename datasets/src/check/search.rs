@@ -1,6 +1,6 @@
 //! Search for the best-fitting factor.
 
-/// A factor between the reciprocal of this and this is too close to 1 to be reported.
+/// Factors between the reciprocal of this factor and this factor are too close to 1 to be reported.
 const MIN_FACTOR: f64 = 1.03;
 
 pub(super) fn is_reportable(factor: f64) -> bool {
@@ -42,8 +42,8 @@ pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
     }
 }
 
-/// Rounds to a number of one digit, 1.25, 1.5 or 2.5, times a power of ten, if this changes the factor by less than 1
-/// %. Otherwise, rounds to three digits.
+/// Rounds to a whole number of one digit, 1.25, 1.5 or 2.5, times a power of ten, if that is within 1 %. Otherwise,
+/// rounds to three digits.
 fn rounded(factor: f64) -> f64 {
     let power = 10_f64.powf(factor.log10().floor());
     let round = [

@@ -224,7 +224,7 @@ impl World {
         Candidates { sorted }
     }
 
-    /// What a ray of the bundle that belongs to `candidates` hits.
+    /// Nearest intersection of a ray, which must be in the bundle that belongs to `candidates`.
     pub(super) fn sight(&self, candidates: &Candidates, origin: DVec3, direction: DVec3) -> Sight {
         let hit = self.first_hit_among(candidates, origin, direction);
         Sight {

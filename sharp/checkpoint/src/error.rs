@@ -54,7 +54,8 @@ impl Fault {
             Self::Malformed(reason) => CheckpointError::Malformed { path, reason },
             Self::CutOff(at) => {
                 let reason = format!(
-                    "pickle: no end within {at} bytes (the file is truncated, or the pickle exceeds {MAX_PICKLE_LEN} bytes)"
+                    "pickle: no end within {at} bytes (the file is truncated, or the pickle exceeds \
+                     {MAX_PICKLE_LEN} bytes)"
                 );
                 CheckpointError::Malformed { path, reason }
             }

@@ -1,8 +1,9 @@
 //! Checkpoints: PyTorch's `.pt` / `.pth` (zip files and the older bare pickles) and `.safetensors`.
 //!
 //! The table of contents is read and checked against the file's length; tensor data is read on demand. Pickles are run
-//! by an interpreter that supports only what a state dict needs. Nothing is called. Unknown functions and classes are
-//! ignored; tensors that depend on them are omitted. No allocation exceeds a small multiple of the file's length.
+//! by an interpreter that supports only what a state dict needs. Nothing is called. Unknown functions and classes
+//! become placeholders; entries that depend on them do not count as tensors. No allocation exceeds a small multiple of
+//! the file's length.
 //!
 //! # Contents
 //! * [`checkpoint`]: [`Checkpoint`], the type for all formats.

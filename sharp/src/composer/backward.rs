@@ -153,7 +153,8 @@ impl Block {
     }
 }
 
-/// Derivative of the sigmoid, as sigmoid(x) · sigmoid(−x). Unlike s · (1 − s), this does not become 0 for large x.
+/// Derivative of the sigmoid, as sigmoid(x) · sigmoid(−x). Unlike s · (1 − s), which is 0 above x ≈ 37, this becomes 0
+/// only where e⁻ˣ does.
 fn sigmoid_slope(x: f64) -> f64 {
     sigmoid(x) * sigmoid(-x)
 }

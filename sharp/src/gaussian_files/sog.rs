@@ -287,7 +287,7 @@ impl Range {
 enum Levels {
     /// Version 1: linear within a range.
     Range(Range),
-    /// Version 2: a table with the number of each byte.
+    /// Version 2: a table with the value of each byte.
     Codebook(Box<[f32; 256]>),
 }
 

@@ -186,8 +186,8 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
 fn unlikely(source: FocalSource, px: f64) -> Option<String> {
     match source {
         FocalSource::Equivalent35mm(mm) if !LENSES_MM.contains(&mm) => Some(format!(
-            "the file states a focal length of {mm} mm on 35 mm film, which no lens has, so {px:.2} px is probably wrong; \
-            set --focal-px"
+            "the file states a focal length of {mm} mm on 35 mm film, which no lens has, so {px:.2} px is probably \
+             wrong; set --focal-px"
         )),
         _ => None,
     }
@@ -246,8 +246,8 @@ impl Sensor {
         format!(" (by the file's FocalPlaneXResolution, the sensor is {width_mm:.1} mm wide)")
     }
 
-    /// Warns that the pixel pitch gives a focal length other than `px`. Resizing a picture changes its pixel pitch;
-    /// cropping changes its 35 mm equivalent.
+    /// Warns that the pixel pitch gives a focal length other than `px`. After a picture is resized, only the stated
+    /// 35 mm equivalent is still valid; after it is cropped, only the stated pixel pitch.
     fn text(self, source: FocalSource, px: f64) -> String {
         let Self {
             lens_mm,

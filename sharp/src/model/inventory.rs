@@ -183,7 +183,7 @@ impl CheckpointSource {
     }
 
     /// Checks that the file contains all `parameters` that are used, and no tensors other than `parameters` and those
-    /// of `allow_unused`; see [`Self::check`].
+    /// with a prefix in `allow_unused`; see [`Self::check`].
     pub(super) fn check_for(
         &self,
         parameters: Vec<Parameter>,

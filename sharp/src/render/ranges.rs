@@ -66,7 +66,7 @@ impl LocalSplat {
     /// First and last pixel column within reach on any of the `rows` rows starting at `y`.
     ///
     /// On one row, the pixels within reach satisfy `|p dx + q dy| ≤ sqrt(cut − (r dy)²)`. Each end of this interval of
-    /// dx has one stationary point in dy. It is extreme there, or at the nearest dy of the rows.
+    /// dx has one stationary point in dy. Over the rows, the end is extreme at the dy that is nearest to that point.
     fn columns(&self, y: usize, rows: usize) -> (usize, usize) {
         let (p, q, r) = (self.p, self.q, self.r);
         let tip = self.cut.sqrt() / r;

@@ -15,8 +15,8 @@ use crate::View;
 const MIN_OF_FOCALS: f64 = 0.85;
 /// Number of focal lengths tried in each direction (up to a factor of 2), then the ratio between consecutive ones.
 const FOCALS: (i32, f64) = (20, 1.0353);
-/// A common factor of fx and fy, which keeps pixels square, is preferred to a factor of only one of them. The fraction
-/// of matches that it explains may be lower by at most this.
+/// For fx or fy alone, the factor that makes pixels square is preferred to the best-fitting one. The fraction of
+/// matches that it explains may be lower by at most this.
 const MAX_LOST_BY_SQUARE: f64 = 0.03;
 /// Wrong focal lengths, as factors of the ones read. If the matches determine the focal length, each of these explains
 /// far fewer matches.
@@ -46,8 +46,8 @@ impl Matches<'_> {
         Some((Change::Cameras(text), explained))
     }
 
-    /// The common factor of focal lengths that explains nearly all matches, and significantly more than the focal
-    /// lengths as read. If several factors do, the one whose pixels are closest to square.
+    /// The factor of fx, of fy, or of both that explains nearly all matches, and significantly more than the focal
+    /// lengths as read. If several do, the one whose pixels are closest to square.
     pub(super) fn other_focal(
         &self,
         as_read: &[Option<bool>],

@@ -72,7 +72,7 @@ pub(super) struct Matches<'a> {
 }
 
 impl<'a> Matches<'a> {
-    /// Matches features of neighbouring views. If `both_ways`, a feature must also be the best match of its match, which
+    /// Matches features of neighbouring views. If `both_ways`, a feature must also be the best match of its match. This
     /// rules out most wrong matches in repeated patterns.
     pub(super) fn new(views: &'a [View], effort: Effort, both_ways: bool) -> Self {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
@@ -84,14 +84,17 @@ impl<'a> Matches<'a> {
         let mut matches = Vec::new();
         for i in firsts {
             if let (Some(a), Some(b)) = (grey.get(&i), grey.get(&(i + 1))) {
-                let [patches_a, patches_b] = [a, b].map(patches);
+                let patches_a = both_ways.then(|| patches(a));
+                let patches_b = patches(b);
                 let found = features(a).into_iter().filter_map(|at| {
                     let place = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                     let found = matching(&patch(a, at), at, b.size(), &patches_b);
                     let (to, _) = found.filter(|(_, is_unique)| *is_unique)?;
-                    let back = || matching(&patch(b, to), to, a.size(), &patches_a);
-                    let is_match =
-                        !both_ways || back().is_some_and(|(back, _)| !is_apart(back, at));
+                    let returns = |patches_a: &Vec<_>| {
+                        let back = matching(&patch(b, to), to, a.size(), patches_a);
+                        back.is_some_and(|(back, _)| !is_apart(back, at))
+                    };
+                    let is_match = patches_a.as_ref().is_none_or(returns);
                     is_match.then(|| (i, place(at), place(to)))
                 });
                 matches.extend(found);
@@ -152,41 +155,41 @@ impl<'a> Matches<'a> {
         let better =
             better.filter_map(|(change, other)| Some((change, compared(&as_read, &other)?, other)));
         // Of equally good changes, takes the first, which is the simplest.
-        let best = better.min_by_key(|(_, found, _)| Reverse(found.after - found.before))?;
-        let (mut change, mut evidence) = (best.0, best.1.evidence());
-        if let Change::Convention(_) = change {
-            let mut alike = self.equal_conventions(units, &as_read, &best.2).into_iter();
-            if let Some((name, found)) = alike.next() {
-                (change, evidence) = (Change::Convention(name), found.evidence());
-            }
-            let others: Vec<&str> = alike.map(|(name, _)| name).collect();
-            if !others.is_empty() {
-                evidence += &format!("; about as many do with {}", others.join(", or with "));
-            }
-        }
+        let (change, found, explained) =
+            better.min_by_key(|(_, found, _)| Reverse(found.after - found.before))?;
+        let (change, evidence) = match change {
+            Change::Convention(_) => self.convention(units, &as_read, &explained)?,
+            change => (change, found.evidence()),
+        };
         Some(advice::sentence(&change, &evidence, units, 1.0, self.views))
     }
 
-    /// The conventions that explain about as many matches as `best` does, with the number that each explains. Those
-    /// whose epipolar lines are closest to the matches come first.
-    fn equal_conventions(
+    /// Of the conventions that explain about as many matches as `best` does, the one whose epipolar lines are closest to
+    /// the matches. The evidence names the others.
+    fn convention(
         &self,
         units: Units,
         as_read: &[Option<bool>],
         best: &[Option<bool>],
-    ) -> Vec<(&'static str, Compared)> {
+    ) -> Option<(Change, String)> {
         let alike = alternatives(units.poses_are_matrices).filter_map(|convention| {
             let explained = self.explained(convention.take, &Some);
             let found = compared(as_read, &explained)?;
-            let miss = self.mean_miss(convention.take);
-            is_about_equal(&explained, best).then_some((miss, convention.name, found))
+            is_about_equal(&explained, best)
+                .then(|| (self.mean_miss(convention.take), convention.name, found))
         });
         let mut alike: Vec<(f64, &str, Compared)> = alike.collect();
         alike.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut names = BTreeSet::new();
         alike.retain(|(_, name, _)| names.insert(*name));
-        let alike = alike.into_iter();
-        alike.map(|(_, name, found)| (name, found)).collect()
+        let mut alike = alike.into_iter();
+        let (_, name, found) = alike.next()?;
+        let others: Vec<&str> = alike.map(|(_, name, _)| name).collect();
+        let mut evidence = found.evidence();
+        if !others.is_empty() {
+            evidence += &format!("; about as many do with {}", others.join(", or with "));
+        }
+        Some((Change::Convention(name), evidence))
     }
 
     pub(super) fn id(&self, i: usize) -> &str {
@@ -223,9 +226,9 @@ impl<'a> Matches<'a> {
         Some(compared(&as_read, &other)?.evidence())
     }
 
-    /// Looks for pairs of a view in `starts` and the next view whose own poses do not explain their matches, and
-    /// returns the poses of other views that do, as a sentence with the matches explained. Empty if any such pair
-    /// remains unexplained or two pictures would share a pose: among so many poses, some fit by chance.
+    /// Looks for pairs of a view in `starts` and the next view whose own poses do not explain their matches, but those
+    /// of other views do. Returns a sentence for each such pair, with the matches explained. Empty if any pair remains
+    /// unexplained or two pictures would share a pose: among so many poses, some fit by chance.
     fn all_elsewhere(
         &self,
         starts: &BTreeSet<usize>,
@@ -470,13 +473,13 @@ fn patches(grey: &Grey) -> Vec<[f32; PATCH]> {
     all.map(|at| patch(grey, at)).collect()
 }
 
-/// True if the patches around two pixels are not those of one feature.
+/// True if two pixels are too far apart to belong to the same feature.
 fn is_apart(one: (u32, u32), other: (u32, u32)) -> bool {
     one.0.abs_diff(other.0).max(one.1.abs_diff(other.1)) > RADIUS
 }
 
 /// The pixel of another view that matches a patch best, searched within a quarter of the picture around the patch's
-/// position, and whether this match is unique.
+/// position, and whether this match is unique. `None` if no pixel matches well enough.
 fn matching(
     wanted: &[f32; PATCH],
     at: (u32, u32),

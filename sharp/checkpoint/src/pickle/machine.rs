@@ -199,8 +199,8 @@ impl<'a> Machine<'a, '_> {
                 let id = u32::from_le_bytes(self.array()?);
                 self.recall(id)?;
             }
-            // Opcodes that instantiate a class. Unknown classes become placeholders; the supported ones are never
-            // instantiated this way.
+            // Opcodes that instantiate a class. Unknown classes become placeholders; for others this is an error,
+            // because the supported ones are never instantiated this way.
             0x81 | 0x92 => {
                 // The arguments; the second opcode also has keyword arguments.
                 self.pop()?;

@@ -72,7 +72,7 @@ pub fn weight_gradient(
 /// Contribution of some output rows to the weight gradient, `[tap][in][out]`.
 ///
 /// Computed as a matrix product over pixels. Each channel of the zero-padded image is stored as one row. The pixels
-/// that a tap of the kernel reads are then the same row at a different offset, so nothing is copied per tap.
+/// that a tap of the kernel reads are then the same row at a different offset.
 fn part_of_weight_gradient(
     simd: Simd,
     spec: ConvSpec,
