@@ -139,6 +139,8 @@ fn bad_pictures_are_one_line_that_names_the_file() {
     }
     let args = ["metrics", "p", "t/a.png"];
     sharp_bench(dir.path(), &args).is_error_with(&["two pictures or two folders"]);
+    let args = ["metrics", "absent", "t"];
+    sharp_bench(dir.path(), &args).is_error_with(&["absent: does not exist"]);
 }
 
 #[test]

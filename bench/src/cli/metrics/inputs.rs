@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{bail, ensure};
 
 use crate::pictures::matching::{Match, MatchBy, match_folders, partner, shared_part};
 
@@ -22,6 +22,9 @@ pub(super) fn pairs(
     mask: Option<&Path>,
     by: MatchBy,
 ) -> anyhow::Result<Vec<Input>> {
+    for path in [prediction, target] {
+        ensure!(path.exists(), "{}: does not exist", path.display());
+    }
     let pairs = match (prediction.is_dir(), target.is_dir()) {
         (true, true) => match_folders(prediction, target, by)?,
         (false, false) => vec![Match {
