@@ -385,7 +385,9 @@ fn held_out_entries_of_a_folder_are_never_training_data() {
     assert_eq!(kept(5).len(), 5);
     let error = FolderPhotographs::open(folder.path(), Some(6), 1, SIZE).unwrap_err();
     assert!(
-        error.to_string().contains("with 5 files and subfolders"),
+        error
+            .to_string()
+            .contains("too few files and subfolders with pictures (5)"),
         "{error}"
     );
 }
