@@ -110,24 +110,24 @@ impl BundledFile {
             return Ok(());
         }
         let malformed = |reason: String| DatasetError::malformed(&path, reason);
-        let bytes = match name == self.name {
-            true => Cow::Borrowed(self.bytes),
-            false => {
-                let map = exr_depth::parse(self.bytes);
-                Cow::Owned(pfm::bytes(
-                    &map.map_err(|reason| malformed(reason.to_string()))?,
-                ))
-            }
+        let bytes = if name == self.name {
+            Cow::Borrowed(self.bytes)
+        } else {
+            let map = exr_depth::parse(self.bytes);
+            Cow::Owned(pfm::bytes(
+                &map.map_err(|reason| malformed(reason.to_string()))?,
+            ))
         };
         let partial = path.with_extension(format!("{}.part", std::process::id()));
         std::fs::write(&partial, bytes).map_err(|e| DatasetError::io(&partial, e))?;
         std::fs::rename(&partial, &path).map_err(|e| DatasetError::io(&path, e))?;
         let found = files::sha256(&path)?;
-        match found == expected {
-            true => Ok(()),
-            false => Err(malformed(format!(
+        if found == expected {
+            Ok(())
+        } else {
+            Err(malformed(format!(
                 "has sha256 {found}, expected {expected}"
-            ))),
+            )))
         }
     }
 }

@@ -116,9 +116,10 @@ pub(crate) fn check_size(
 ) -> Result<(), DatasetError> {
     mask::check_size(path, found, expected).map_err(|error| match error {
         DatasetError::Malformed { path, reason } if is_same_ratio(expected, found) => {
-            let helps = match has_setting {
-                true => "set camera-size=scaled to scale the camera",
-                false => "use pictures of the camera's size, or a calibration for this size",
+            let helps = if has_setting {
+                "set camera-size=scaled to scale the camera"
+            } else {
+                "use pictures of the camera's size, or a calibration for this size"
             };
             let reason = format!("{reason}, by the same ratio on both axes; {helps}");
             DatasetError::malformed(path, reason)

@@ -178,12 +178,13 @@ impl StereoGeometry {
         let stored = disparity.as_raw().iter();
         let depth = stored.map(|d| self.depth(*d, least)).collect();
         if negative > MIN_NEGATIVE_RATIO * sane.max(1) && !are_values {
-            let least = match self.doffs != 0.0 {
-                true => format!(
+            let least = if self.doffs != 0.0 {
+                format!(
                     "above {}, the difference of the principal points",
                     -self.doffs
-                ),
-                false => "positive".to_owned(),
+                )
+            } else {
+                "positive".to_owned()
             };
             return Err(DatasetError::malformed(
                 path,

@@ -37,9 +37,10 @@ impl FileContent {
     fn fitting(&self) -> Result<FoundPicture, DatasetError> {
         let header = picture::header(&self.image)?;
         let turned = self.rules.turns(&header, Some(self.geometry.size));
-        let (size, other) = match turned {
-            true => (header.upright_size(), header.size),
-            false => (header.size, header.upright_size()),
+        let (size, other) = if turned {
+            (header.upright_size(), header.size)
+        } else {
+            (header.size, header.upright_size())
         };
         let checked = check_size(&self.image, size, self.geometry.size, self.has_camera_size);
         checked.map_err(|error| match error {
@@ -92,9 +93,10 @@ impl ViewContent for FileContent {
         if !found.fits_both {
             return Ok(None);
         }
-        let (orientation, setting) = match found.turned {
-            true => (OrientationRule::Stored, "orientation=stored"),
-            false => (OrientationRule::Upright, "orientation=upright"),
+        let (orientation, setting) = if found.turned {
+            (OrientationRule::Stored, "orientation=stored")
+        } else {
+            (OrientationRule::Upright, "orientation=upright")
         };
         let rules = PictureRules {
             orientation,

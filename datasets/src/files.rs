@@ -253,9 +253,10 @@ pub fn what_lies_in(folder: &Path) -> String {
         .into_iter()
         .map(|(name, path)| if path.is_dir() { name + "/" } else { name })
         .collect();
-    match names.is_empty() {
-        true => format!("{} is empty", folder.display()),
-        false => format!("{} contains {}", folder.display(), first_few(&names)),
+    if names.is_empty() {
+        format!("{} is empty", folder.display())
+    } else {
+        format!("{} contains {}", folder.display(), first_few(&names))
     }
 }
 

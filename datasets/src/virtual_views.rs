@@ -197,13 +197,15 @@ fn scene(spec: &DatasetSpec, options: &Options, file: &Path) -> Result<Scene, Da
     let mut rules = spec.picture_rules();
     // There is no camera whose size could decide the orientation.
     let is_turned = rules.turns(&header, None);
-    rules.orientation = match is_turned {
-        true => OrientationRule::Upright,
-        false => OrientationRule::Stored,
+    rules.orientation = if is_turned {
+        OrientationRule::Upright
+    } else {
+        OrientationRule::Stored
     };
-    let size = match is_turned {
-        true => header.upright_size(),
-        false => header.size,
+    let size = if is_turned {
+        header.upright_size()
+    } else {
+        header.size
     };
     let mut warnings = Vec::new();
     let mut notes = Vec::new();

@@ -10,9 +10,10 @@ use std::path::Path;
 /// Any I/O error; also if it is not a regular file.
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     let kind = fs::metadata(path)?.file_type();
-    match kind.is_file() || kind.is_dir() {
-        true => fs::read(path),
-        false => Err(io::Error::other("not a regular file")),
+    if kind.is_file() || kind.is_dir() {
+        fs::read(path)
+    } else {
+        Err(io::Error::other("not a regular file"))
     }
 }
 
@@ -31,9 +32,10 @@ pub fn read_text(path: &Path) -> io::Result<String> {
 /// Any I/O error; also if it is not a regular file.
 pub fn open_regular(path: &Path) -> io::Result<File> {
     // Checked before opening, because opening a pipe waits for its writer.
-    match fs::metadata(path)?.is_file() {
-        true => File::open(path),
-        false => Err(io::Error::other("not a regular file")),
+    if fs::metadata(path)?.is_file() {
+        File::open(path)
+    } else {
+        Err(io::Error::other("not a regular file"))
     }
 }
 

@@ -71,9 +71,10 @@ pub(crate) fn bundles(case: &mut Case) -> Result<Verdict, String> {
         let mut of_dataset = checks.iter().filter(|check| {
             check["quantity"] == "psnr" && check["dataset"] == "S" && check["scene"].is_null()
         });
-        return match of_dataset.all(|check| check["difference"].as_f64() == psnr) {
-            true => Ok(Verdict::Number),
-            false => Err(format!("another difference: {}", said.out)),
+        return if of_dataset.all(|check| check["difference"].as_f64() == psnr) {
+            Ok(Verdict::Number)
+        } else {
+            Err(format!("another difference: {}", said.out))
         };
     }
     spoil::file(case, name, spoil::binary);

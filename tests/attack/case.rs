@@ -205,9 +205,10 @@ impl Case {
                 "the message names neither a file nor an option: {reason}"
             ));
         }
-        match reason.len() > 8000 || reason.contains('\n') {
-            true => Err(format!("no short line: {reason}")),
-            false => Ok(()),
+        if reason.len() > 8000 || reason.contains('\n') {
+            Err(format!("no short line: {reason}"))
+        } else {
+            Ok(())
         }
     }
 

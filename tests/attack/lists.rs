@@ -115,11 +115,10 @@ pub(crate) fn pairs(case: &mut Case) -> Result<Verdict, String> {
     }
     // The number of listed pairs in the manifest must be that of the list in the folder.
     let manifest: serde_json::Value = serde_json::from_str(&case.read("r/manifest.json")).unwrap();
-    match manifest["pairs"]["listed"].as_u64()
-        == Some(rows(&case.path("r/pairs.csv"))?.len() as u64)
-    {
-        true => Ok(verdict),
-        false => Err("the manifest states another number of pairs than pairs.csv has".to_owned()),
+    if manifest["pairs"]["listed"].as_u64() == Some(rows(&case.path("r/pairs.csv"))?.len() as u64) {
+        Ok(verdict)
+    } else {
+        Err("the manifest states another number of pairs than pairs.csv has".to_owned())
     }
 }
 
@@ -154,8 +153,9 @@ pub(crate) fn caches(case: &mut Case) -> Result<Verdict, String> {
             let overlap: f64 = a["overlap"].parse().unwrap_or(f64::NAN);
             a["pair_id"] == b["pair_id"] && same(&b["overlap"], overlap)
         });
-    match equal {
-        true => Ok(Verdict::Number),
-        false => Err("another list, from a spoiled cache".to_owned()),
+    if equal {
+        Ok(Verdict::Number)
+    } else {
+        Err("another list, from a spoiled cache".to_owned())
     }
 }

@@ -90,9 +90,10 @@ fn main() {
                     failures.push(case.failure(&what));
                 }
             }
-            match failures.is_empty() {
-                true => Ok(()),
-                false => Err(failures.join("\n\n").into()),
+            if failures.is_empty() {
+                Ok(())
+            } else {
+                Err(failures.join("\n\n").into())
             }
         })
     });

@@ -105,8 +105,9 @@ pub(crate) fn names(case: &mut Case) -> Result<Verdict, String> {
         ]
         .concat(),
     )?;
-    match again.code == 0 && case.read("r/scores.csv") == case.read("s/scores.csv") {
-        true => Ok(verdict),
-        false => Err(format!("another run from its own list: {}", again.err)),
+    if again.code == 0 && case.read("r/scores.csv") == case.read("s/scores.csv") {
+        Ok(verdict)
+    } else {
+        Err(format!("another run from its own list: {}", again.err))
     }
 }

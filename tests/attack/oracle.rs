@@ -89,9 +89,10 @@ pub(crate) fn judge_run(
             Known::Nothing => {}
         }
     }
-    match rows.is_empty() {
-        true => Err("a run without a row".to_owned()),
-        false => Ok(verdict),
+    if rows.is_empty() {
+        Err("a run without a row".to_owned())
+    } else {
+        Ok(verdict)
     }
 }
 

@@ -137,9 +137,10 @@ pub(crate) fn metrics(case: &mut Case) -> Result<Verdict, String> {
     }
     let said = case.run(&args)?;
     if said.code != 0 {
-        return match harmless {
-            true => Err(format!("refused an undamaged picture: {}", said.err)),
-            false => Ok(Verdict::Error),
+        return if harmless {
+            Err(format!("refused an undamaged picture: {}", said.err))
+        } else {
+            Ok(Verdict::Error)
         };
     }
     let rows = rows(&case.path("s.csv"))?;
@@ -148,9 +149,10 @@ pub(crate) fn metrics(case: &mut Case) -> Result<Verdict, String> {
         // Floats are scored unchanged; rounding to f32 changes a level of 255 by at most 3e-8.
         Known::Number(expected) if !name.ends_with('g') => {
             let found: f64 = rows[0]["psnr"].parse().unwrap();
-            match (found - expected).abs() < 1e-5 {
-                true => Ok(Verdict::Number),
-                false => Err(format!("{found} instead of {expected}")),
+            if (found - expected).abs() < 1e-5 {
+                Ok(Verdict::Number)
+            } else {
+                Err(format!("{found} instead of {expected}"))
             }
         }
         Known::Number(expected) => Err(format!("{} instead of {expected}", rows[0]["psnr"])),
@@ -159,9 +161,10 @@ pub(crate) fn metrics(case: &mut Case) -> Result<Verdict, String> {
             let found: f64 = rows[0]["psnr"]
                 .parse()
                 .map_err(|_| "no number".to_owned())?;
-            match found.is_nan() {
-                true => Err("nan".to_owned()),
-                false => Ok(Verdict::Number),
+            if found.is_nan() {
+                Err("nan".to_owned())
+            } else {
+                Ok(Verdict::Number)
             }
         }
     }

@@ -62,9 +62,10 @@ pub(crate) fn gaussians(case: &mut Case) -> Result<Verdict, String> {
             .lines()
             .find_map(|line| line.strip_prefix("element vertex "));
         let found = said.json()?["gaussians"].as_u64();
-        return match said_count.and_then(|count| count.trim().parse().ok()) == found {
-            true => Ok(Verdict::Number),
-            false => Err(format!("{found:?} Gaussians instead of {said_count:?}")),
+        return if said_count.and_then(|count| count.trim().parse().ok()) == found {
+            Ok(Verdict::Number)
+        } else {
+            Err(format!("{found:?} Gaussians instead of {said_count:?}"))
         };
     }
     let said = render(case, &[])?;
@@ -72,9 +73,10 @@ pub(crate) fn gaussians(case: &mut Case) -> Result<Verdict, String> {
         return Ok(Verdict::Error);
     }
     let alpha = said.json()?["mean_alpha"].as_f64();
-    match alpha.is_some_and(|alpha| (0.0..=1.0).contains(&alpha)) {
-        true => rendered(case, &said),
-        false => Err(format!("mean alpha {alpha:?}")),
+    if alpha.is_some_and(|alpha| (0.0..=1.0).contains(&alpha)) {
+        rendered(case, &said)
+    } else {
+        Err(format!("mean alpha {alpha:?}"))
     }
 }
 
@@ -83,9 +85,10 @@ fn rendered(case: &Case, said: &super::case::Said) -> Result<Verdict, String> {
     let json = said.json()?;
     let size = image::image_dimensions(case.path("x.png")).map_err(|error| error.to_string())?;
     let stated = [&json["width"], &json["height"]].map(|n| n.as_u64());
-    match stated == [size.0, size.1].map(|n| Some(u64::from(n))) {
-        true => Ok(Verdict::Number),
-        false => Err(format!("{size:?} instead of {stated:?}")),
+    if stated == [size.0, size.1].map(|n| Some(u64::from(n))) {
+        Ok(Verdict::Number)
+    } else {
+        Err(format!("{size:?} instead of {stated:?}"))
     }
 }
 
@@ -132,15 +135,16 @@ pub(crate) fn checkpoints(case: &mut Case) -> Result<Verdict, String> {
     let config = golden.join("tiny_config.json#tiny").display().to_string();
     if case.random.below(2) == 0 {
         let args = ["weights", "check", "w.pt", "--config", &config, "--json"];
-        return match is_mutant {
-            false => case.refused(&args),
-            true => match case.run(&args)? {
+        return if is_mutant {
+            match case.run(&args)? {
                 said if said.code == 0 => match said.json()?["not_finite"].as_u64() {
                     Some(0) => Ok(Verdict::Number),
                     other => Err(format!("not finite: {other:?}")),
                 },
                 _ => Ok(Verdict::Error),
-            },
+            }
+        } else {
+            case.refused(&args)
         };
     }
     let photo = golden.join("inputs/main_640x480.png").display().to_string();

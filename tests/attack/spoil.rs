@@ -111,9 +111,10 @@ fn number_in(text: &str, random: &mut Random) -> (usize, usize) {
             _ => {}
         }
     }
-    match found.is_empty() {
-        true => (0, 0),
-        false => *random.pick(&found),
+    if found.is_empty() {
+        (0, 0)
+    } else {
+        *random.pick(&found)
     }
 }
 

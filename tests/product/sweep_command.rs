@@ -187,9 +187,10 @@ fn what_is_wrong_with_a_sheet_is_said() {
         let common = ["figure", name, run, "--out", "f"];
         // Both methods are requested explicitly, because sheets leave out `mean` by default.
         let both = ["--methods", "copy,mean"];
-        let more = match more.contains(&"--methods") {
-            true => more.to_vec(),
-            false => [&both, more].concat(),
+        let more = if more.contains(&"--methods") {
+            more.to_vec()
+        } else {
+            [&both, more].concat()
         };
         sharp_bench(dir.path(), &[&common, &more[..]].concat())
     };

@@ -17,9 +17,10 @@ pub fn files_below(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         let path = entry?.path();
-        match path.is_dir() {
-            true => found.extend(files_below(&path)?),
-            false => found.push(path),
+        if path.is_dir() {
+            found.extend(files_below(&path)?)
+        } else {
+            found.push(path)
         }
     }
     found.sort();

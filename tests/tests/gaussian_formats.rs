@@ -325,9 +325,10 @@ fn round_trips(path: &Path) -> Result<(), Failed> {
         std::fs::write(&path, bytes)?;
         let read = load(&path, encoded())?;
         let (found, kept) = (read.gaussians.len(), scene.gaussians.len());
-        match found == kept && read.gaussians.harmonics.degree == degree {
-            true => Ok(read),
-            false => Err(format!("{name}: {found} of {kept}").into()),
+        if found == kept && read.gaussians.harmonics.degree == degree {
+            Ok(read)
+        } else {
+            Err(format!("{name}: {found} of {kept}").into())
         }
     };
     let plain = written("plain.ply", &to_bytes(&scene, PlyForm::Plain))?;

@@ -62,9 +62,10 @@ fn main() {
                 targets_that_are_inputs,
             } = list.counts();
             let found = [entries, with_pairs, targets, targets_that_are_inputs];
-            match found == expected {
-                true => Ok(()),
-                false => Err(Failed::from(format!("{found:?}, not {expected:?}"))),
+            if found == expected {
+                Ok(())
+            } else {
+                Err(Failed::from(format!("{found:?}, not {expected:?}")))
             }
         };
         Trial::test(name, check).with_ignored_flag(absent)

@@ -149,9 +149,10 @@ fn parse(source: &str, table: &PublishedTable) -> Result<Source, Failed> {
         .map(|name| name.trim_end_matches(['↓', '↑']).to_owned())
         .collect();
     let names: Vec<String> = names.into_iter().filter(|name| !name.is_empty()).collect();
-    let datasets = match titles.is_empty() {
-        true => vec![String::new()],
-        false => titles.iter().map(|(_, title)| title.clone()).collect(),
+    let datasets = if titles.is_empty() {
+        vec![String::new()]
+    } else {
+        titles.iter().map(|(_, title)| title.clone()).collect()
     };
     let metrics: Vec<String> = names[..names.len() / datasets.len()].to_vec();
     if names
@@ -212,9 +213,10 @@ fn plain(text: &str) -> String {
         .replace("\\%", "%")
         .replace("\\#", "#")
         .replace("\\times", "x");
-    match text.contains('$') {
-        true => text.replace(['$', ' '], ""),
-        false => text,
+    if text.contains('$') {
+        text.replace(['$', ' '], "")
+    } else {
+        text
     }
 }
 

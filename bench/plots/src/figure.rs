@@ -288,9 +288,10 @@ fn bitmap_picture(
     at: (i32, i32),
     (width, height): (u32, u32),
 ) -> Result<(), String> {
-    let filter = match width > picture.width() {
-        true => imageops::FilterType::Nearest,
-        false => imageops::FilterType::Triangle,
+    let filter = if width > picture.width() {
+        imageops::FilterType::Nearest
+    } else {
+        imageops::FilterType::Triangle
     };
     let shown = imageops::resize(picture, width, height, filter);
     backend

@@ -266,9 +266,10 @@ impl PanelLayout {
     }
 
     fn title_row(&self) -> f64 {
-        match self.title.is_empty() {
-            true => 0.0,
-            false => TITLE_ROW,
+        if self.title.is_empty() {
+            0.0
+        } else {
+            TITLE_ROW
         }
     }
 
@@ -428,9 +429,12 @@ pub fn point(surface: &mut Surface, at: Point, style: Style, hollow: bool) {
 /// Draws bars of the sample counts, with the numbers above if they fit; `foot` is the lower edge.
 fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64) {
     let most = counts.iter().map(|count| count.n.1).max().unwrap_or(1);
-    let text_of = |(least, most): (usize, usize)| match least == most {
-        true => most.to_string(),
-        false => format!("{least}–{most}"),
+    let text_of = |(least, most): (usize, usize)| {
+        if least == most {
+            most.to_string()
+        } else {
+            format!("{least}–{most}")
+        }
     };
     let room = |count: &BinCount| x.place(count.high) - x.place(count.low);
     let fits =
@@ -451,9 +455,10 @@ fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64)
             surface.text(&text_of(count.n), at, small);
         }
     }
-    let label = match numbered {
-        true => "n".to_owned(),
-        false => format!("n ≤ {most}"),
+    let label = if numbered {
+        "n".to_owned()
+    } else {
+        format!("n ≤ {most}")
     };
     let small = lettering(COUNT_SIZE, MUTED, Anchor::End);
     surface.text(&label, (x.from - 8.0, foot - 2.0), small);

@@ -94,9 +94,12 @@ impl Page {
     fn letters(&mut self, text: &str, (x, y): Point, lettering: Lettering) {
         self.fill(lettering.ink);
         let shift = lettering.shift(text);
-        let place = |(dx, dy): Point| match lettering.upwards {
-            true => (x + dy, y - dx - shift),
-            false => (x + dx + shift, y + dy),
+        let place = |(dx, dy): Point| {
+            if lettering.upwards {
+                (x + dy, y - dx - shift)
+            } else {
+                (x + dx + shift, y + dy)
+            }
         };
         let mut is_drawn = false;
         text::outlines(text, lettering.size, lettering.weight, |stroke| {

@@ -186,9 +186,10 @@ pub fn wrapped_to(most: usize, text: &str, size: f64, weight: Weight, room: f64)
     let (mut fits, mut too_long) = (0, chars.len());
     while fits + 1 < too_long {
         let middle = usize::midpoint(fits, too_long);
-        match keeping(middle).len() <= most {
-            true => fits = middle,
-            false => too_long = middle,
+        if keeping(middle).len() <= most {
+            fits = middle
+        } else {
+            too_long = middle
         }
     }
     keeping(fits)

@@ -123,16 +123,18 @@ impl Method for Function {
     }
 
     fn privilege(&self) -> methods::Privilege {
-        methods::Privilege::of_depth(match self.privileged {
-            true => methods::TrueDepth::SourceDepth,
-            false => methods::TrueDepth::None,
+        methods::Privilege::of_depth(if self.privileged {
+            methods::TrueDepth::SourceDepth
+        } else {
+            methods::TrueDepth::None
         })
     }
 
     fn approach(&self) -> Approach<'_> {
-        match self.of_source {
-            true => Approach::Gaussians(self),
-            false => Approach::Pictures(self),
+        if self.of_source {
+            Approach::Gaussians(self)
+        } else {
+            Approach::Pictures(self)
         }
     }
 }
@@ -336,9 +338,10 @@ pub(crate) fn evaluate(
     };
     let counts = py.detach(run).map_err(|error| {
         let config = error.downcast_ref::<ConfigError>();
-        match config.is_some_and(ConfigError::is_usage) {
-            true => refused(error),
-            false => failed(error),
+        if config.is_some_and(ConfigError::is_usage) {
+            refused(error)
+        } else {
+            failed(error)
         }
     })?;
     let counts = [

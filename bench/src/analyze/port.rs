@@ -155,9 +155,10 @@ pub fn compare(
         }
     }
     let settings = better.changes_from(&as_read);
-    let with_settings = match settings.is_empty() {
-        true => Vec::new(),
-        false => pair.differences(&better, &matches),
+    let with_settings = if settings.is_empty() {
+        Vec::new()
+    } else {
+        pair.differences(&better, &matches)
     };
     let mut is_found = vec![false; reference.len()];
     for [_, other] in &matches {
@@ -410,9 +411,10 @@ fn norm(m: DMat3) -> f64 {
 fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     let middle = values.len() / 2;
-    match values.is_empty() {
-        true => f64::NAN,
-        false => *values.select_nth_unstable_by(middle, f64::total_cmp).1,
+    if values.is_empty() {
+        f64::NAN
+    } else {
+        *values.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 }
 

@@ -115,9 +115,10 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         return Err(UsageError(reason.to_owned()).into());
     }
     let terminal = Terminal::default();
-    let opened = match args.anatomy || args.out.is_some() {
-        true => scenes(&comparison.results.manifest, &terminal),
-        false => Vec::new(),
+    let opened = if args.anatomy || args.out.is_some() {
+        scenes(&comparison.results.manifest, &terminal)
+    } else {
+        Vec::new()
     };
     let mut anatomies = Vec::new();
     if args.anatomy {
@@ -127,9 +128,10 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         }
     }
     let strata = comparison.strata(&anatomies);
-    let flips = match args.flips {
-        true => comparison.flips(),
-        false => Vec::new(),
+    let flips = if args.flips {
+        comparison.flips()
+    } else {
+        Vec::new()
     };
     let files = match &args.out {
         Some(out) => Some(comparison.write(&strata, &flips, &opened, out)?),

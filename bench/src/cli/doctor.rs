@@ -94,9 +94,10 @@ fn adapters() -> Vec<AdapterFacts> {
         .iter()
         .map(|adapter| AdapterFacts {
             // A software adapter's description already says what it is.
-            name: match adapter.is_software() {
-                true => adapter.to_string(),
-                false => format!("{adapter} [{}]", adapter.kind()),
+            name: if adapter.is_software() {
+                adapter.to_string()
+            } else {
+                format!("{adapter} [{}]", adapter.kind())
             },
             software: adapter.is_software(),
         })

@@ -127,9 +127,10 @@ fn two_sizes(command: Command, path: &str) -> Command {
 /// Lets clap take negative numbers as option values, so that its error about such a value names the option.
 fn negative(arg: Arg) -> Arg {
     let is_option = arg.get_long().is_some() && arg.get_action().takes_values();
-    match is_option && !arg.is_allow_hyphen_values_set() {
-        true => arg.allow_negative_numbers(true),
-        false => arg,
+    if is_option && !arg.is_allow_hyphen_values_set() {
+        arg.allow_negative_numbers(true)
+    } else {
+        arg
     }
 }
 
@@ -183,9 +184,10 @@ fn examples_of(text: &str) -> String {
         .lines()
         .skip_while(|line| !ON_A_SCREEN.iter().any(|start| line.starts_with(start)));
     let lines: Vec<&str> = lines.take_while(|line| !line.is_empty()).collect();
-    match lines.is_empty() {
-        true => String::new(),
-        false => lines.join("\n") + "\n\n",
+    if lines.is_empty() {
+        String::new()
+    } else {
+        lines.join("\n") + "\n\n"
     }
 }
 

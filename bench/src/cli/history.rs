@@ -104,11 +104,12 @@ fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
         },
         || {
             let Occasion { label, date, .. } = &added.occasion;
-            let known = match added.is_new {
-                true => String::new(),
-                false => format!(
+            let known = if added.is_new {
+                String::new()
+            } else {
+                format!(
                     ", already added on {date} with the same results; use another --label or --commit for a new entry"
-                ),
+                )
             };
             format!("{file}  {label}{known}")
         },

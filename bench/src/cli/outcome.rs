@@ -43,9 +43,10 @@ impl Outcome {
     }
 
     pub(super) fn of_problems(problems: bool) -> Self {
-        match problems {
-            true => Self::RecordedFailures,
-            false => Self::Done,
+        if problems {
+            Self::RecordedFailures
+        } else {
+            Self::Done
         }
     }
 

@@ -116,9 +116,10 @@ impl Phase {
             format!("{{msg:28!}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{elapsed}} (left {{eta}})");
         let style = ProgressStyle::with_template(&template)
             .unwrap_or_else(|_| ProgressStyle::default_bar());
-        let bar = match is_quiet() {
-            true => ProgressBar::hidden(),
-            false => ProgressBar::new(0),
+        let bar = if is_quiet() {
+            ProgressBar::hidden()
+        } else {
+            ProgressBar::new(0)
         };
         Self {
             bar: bar.with_style(style).with_message(name.to_owned()),

@@ -219,9 +219,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         scores: finished.folder.scores_path().display().to_string(),
         counts: finished.counts,
         manifest: &finished.results.manifest,
-        tables: match finished.counts.left == 0 && args.stage.scores() {
-            true => Some(tables(&finished.results, None)?),
-            false => None,
+        tables: if finished.counts.left == 0 && args.stage.scores() {
+            Some(tables(&finished.results, None)?)
+        } else {
+            None
         },
     };
     output::print(args.json, || &evaluated, || evaluated.to_string())?;

@@ -80,13 +80,15 @@ pub(super) fn execute(args: &SpeedArgs) -> anyhow::Result<Outcome> {
         return Err(UsageError("--limit and --repeat must be at least 1".to_owned()).into());
     }
     let report = SpeedReport {
-        measured: match args.methods.is_empty() {
-            true => None,
-            false => Some(measure(args)?),
+        measured: if args.methods.is_empty() {
+            None
+        } else {
+            Some(measure(args)?)
         },
-        compute: match args.runs.is_empty() {
-            true => None,
-            false => Some(compute(&args.runs)?),
+        compute: if args.runs.is_empty() {
+            None
+        } else {
+            Some(compute(&args.runs)?)
         },
     };
     let written = report.write(&args.out)?;

@@ -180,9 +180,10 @@ fn at_hand(table: &PublishedTable) -> String {
             let networks = keys.filter_map(|key: MetricKey| Backbone::of(key.metric()));
             let lacking = networks.filter(|network| weights.source(*network).is_none());
             let lacking: BTreeSet<&str> = lacking.map(Backbone::name).collect();
-            match lacking.is_empty() {
-                true => "its metrics".to_owned(),
-                false => format!("not the weights of {}", Vec::from_iter(lacking).join(", ")),
+            if lacking.is_empty() {
+                "its metrics".to_owned()
+            } else {
+                format!("not the weights of {}", Vec::from_iter(lacking).join(", "))
             }
         }
     }

@@ -138,9 +138,10 @@ impl Results {
     /// If `run` is neither a run folder nor a bundle, if its format is not supported, or if evaluated pairs have been
     /// removed from its pair list or plan.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
-        match run.exists() && !run.is_dir() {
-            true => Ok(read_file(run)?.results),
-            false => Self::of_folder(run),
+        if run.exists() && !run.is_dir() {
+            Ok(read_file(run)?.results)
+        } else {
+            Self::of_folder(run)
         }
     }
 }

@@ -304,9 +304,10 @@ pub(super) fn extended(
     }
     let replaced = of(Replaced).map(ManifestDifference::replaced).collect();
     // If the remaining columns were computed with the earlier networks, keep the record of those networks.
-    let metric_networks = match new.has_networks() {
-        true => new.metric_networks,
-        false => before.metric_networks,
+    let metric_networks = if new.has_networks() {
+        new.metric_networks
+    } else {
+        before.metric_networks
     };
     let mut pairs = new.pairs;
     let lists = std::mem::take(&mut pairs.lists);

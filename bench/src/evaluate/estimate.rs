@@ -89,9 +89,10 @@ impl Evaluation {
             _ => units + pictures,
         } as f64
             / measured as f64;
-        let of_sources = match options.keep_gaussians {
-            true => gaussians as f64 / first as f64,
-            false => 0.0,
+        let of_sources = if options.keep_gaussians {
+            gaussians as f64 / first as f64
+        } else {
+            0.0
         };
         let stages = [predict, render, score];
         Ok(Estimate {

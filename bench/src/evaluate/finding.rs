@@ -216,10 +216,10 @@ impl ShownCamera {
                 return format!(
                     "move by {:.2} times the target's motion from the source's view; {}",
                     f64::from(percent) / 100.0,
-                    match percent < 0 {
-                        true =>
-                            "check the sign of the translation, and whether the pose is inverted",
-                        false => "check the unit of the translation and the scale of the depths",
+                    if percent < 0 {
+                        "check the sign of the translation, and whether the pose is inverted"
+                    } else {
+                        "check the unit of the translation and the scale of the depths"
                     }
                 );
             }
@@ -331,9 +331,10 @@ impl Framing {
 
     /// How many times less exact the measured rotation and shift are in a zoomed picture; 1 without zoom.
     fn coarser(self) -> i16 {
-        match self.is_zoomed() {
-            true => 3 + (self.zoom - 1000).abs() / 50,
-            false => 1,
+        if self.is_zoomed() {
+            3 + (self.zoom - 1000).abs() / 50
+        } else {
+            1
         }
     }
 
@@ -412,9 +413,10 @@ impl Framing {
                 "shifted by ({x:.1} %, {y:.1} %) of the width, as with a wrong principal point or a crop"
             ));
         }
-        let advice = match self.is_distorted() {
-            true => "; render them without distortion",
-            false => "",
+        let advice = if self.is_distorted() {
+            "; render them without distortion"
+        } else {
+            ""
         };
         parts.join(", ") + advice
     }

@@ -181,9 +181,10 @@ fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> Str
         by_scene.entry(scene).or_default()[usize::from(has)].push(name);
     }
     let names = by_scene.into_iter().flat_map(|(scene, [others, changed])| {
-        match others.is_empty() && changed.len() > 1 && !scene.is_empty() {
-            true => vec![format!("all of {scene}")],
-            false => changed.into_iter().map(str::to_owned).collect(),
+        if others.is_empty() && changed.len() > 1 && !scene.is_empty() {
+            vec![format!("all of {scene}")]
+        } else {
+            changed.into_iter().map(str::to_owned).collect()
         }
     });
     let names: Vec<String> = names.collect();

@@ -91,13 +91,14 @@ pub(super) fn note_change(
     let part = part.unwrap_or(Region::whole(photograph.dimensions()));
     let part = photograph.view(part.x, part.y, part.width, part.height);
     let part = part.to_image();
-    record.change = match part == *picture {
-        true => Some(PictureChange::Photograph),
-        false => likely_change(&part, picture).or_else(|| {
+    record.change = if part == *picture {
+        Some(PictureChange::Photograph)
+    } else {
+        likely_change(&part, picture).or_else(|| {
             // If a method ignored a large motion, its picture looks like the source.
             let is_other = is_unlike(&shrunk(&part), picture) && is_unlike(&source()?, picture);
             is_other.then_some(PictureChange::Unlike)
-        }),
+        })
     };
 }
 

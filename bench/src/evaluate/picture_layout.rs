@@ -164,9 +164,12 @@ impl Sides {
 fn line(picture: &RgbImage, is_row: bool, at: u32) -> impl Iterator<Item = [u8; 3]> {
     let (width, height) = picture.dimensions();
     let length = if is_row { width } else { height };
-    (0..length).map(move |k| match is_row {
-        true => picture.get_pixel(k, at).0,
-        false => picture.get_pixel(at, k).0,
+    (0..length).map(move |k| {
+        if is_row {
+            picture.get_pixel(k, at).0
+        } else {
+            picture.get_pixel(at, k).0
+        }
     })
 }
 

@@ -519,9 +519,12 @@ pub(super) mod tests {
         let right = view(cameras[1], own, PLANE);
         let source = view(cameras[0], RigidTransform::IDENTITY, PLANE);
         let masked = |level: u8, is: fn(u32, u32) -> bool| {
-            let shown = RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| match is(x, y) {
-                true => Rgb([level; 3]),
-                false => *right.get_pixel(x, y),
+            let shown = RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
+                if is(x, y) {
+                    Rgb([level; 3])
+                } else {
+                    *right.get_pixel(x, y)
+                }
             });
             shown_camera(cameras, own, [&source, &right, &shown])
                 .masked

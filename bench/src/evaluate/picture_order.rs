@@ -256,9 +256,10 @@ pub(crate) fn misplaced(
     }
     let shifts = [Previous, Next].map(|place| (place, count(&[place])));
     let (shift, shifted) = shifts.into_iter().max_by_key(|(_, count)| *count)?;
-    let (what, count) = match is_most(shifted) {
-        true => (shift, shifted),
-        false => (Other, count(&[Previous, Next, Other])),
+    let (what, count) = if is_most(shifted) {
+        (shift, shifted)
+    } else {
+        (Other, count(&[Previous, Next, Other]))
     };
     is_most(count).then(|| {
         format!(

@@ -199,9 +199,12 @@ fn solved([xx, xy, yy, x, y, _]: [f64; 6]) -> DVec2 {
     let radius = half.hypot(xy);
     let major = DVec2::from_angle(0.5 * xy.atan2(half));
     let sum = DVec2::new(x, y);
-    let part = |direction: DVec2, eigenvalue: f64| match eigenvalue >= MIN_EVIDENCE * (xx + yy) {
-        true => direction * sum.dot(direction) / eigenvalue,
-        false => DVec2::ZERO,
+    let part = |direction: DVec2, eigenvalue: f64| {
+        if eigenvalue >= MIN_EVIDENCE * (xx + yy) {
+            direction * sum.dot(direction) / eigenvalue
+        } else {
+            DVec2::ZERO
+        }
     };
     part(major, mean + radius) + part(major.perp(), mean - radius)
 }
@@ -223,9 +226,10 @@ mod tests {
         let records: Vec<Record> = (0..12)
             .map(|k| {
                 let (sin, cos) = (k as f64 + 0.3).sin_cos();
-                let own = match is_stereo {
-                    true => pose(0.0, [-0.1 - 0.01 * k as f64, 0.0, 0.0]),
-                    false => pose(0.02 * sin, [0.12 * cos, 0.12 * sin, 0.02]),
+                let own = if is_stereo {
+                    pose(0.0, [-0.1 - 0.01 * k as f64, 0.0, 0.0])
+                } else {
+                    pose(0.02 * sin, [0.12 * cos, 0.12 * sin, 0.02])
                 };
                 let target = view(camera(80.0), own, PLANE);
                 let shown = fast_blur(&view(camera(80.0), own, seen_as), 0.5);

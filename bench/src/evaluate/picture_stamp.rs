@@ -151,9 +151,12 @@ mod tests {
     #[test]
     fn captions_are_told_and_holes_are_not() {
         let is_box = |x: u32, y: u32| (8..88).contains(&x) && (4..20).contains(&y);
-        let caption = |x: u32, y: u32, level: u8| match is_box(x, y) {
-            true => [0, 200][usize::from((x / 8).is_multiple_of(3))],
-            false => level,
+        let caption = |x: u32, y: u32, level: u8| {
+            if is_box(x, y) {
+                [0, 200][usize::from((x / 8).is_multiple_of(3))]
+            } else {
+                level
+            }
         };
         let said = told(caption).unwrap();
         assert!(

@@ -174,29 +174,32 @@ impl Curve {
         let most = red.max(green).max(blue);
         let is_balance = most / red.min(green).min(blue) >= MIN_BALANCE;
         if gamma != 1.0 {
-            let times = match is_balance {
-                true => format!("{red:.2}, {green:.2} and {blue:.2} (red, green and blue) times "),
-                false if (green - 1.0).abs() >= MIN_BALANCE - 1.0 => format!("{green:.2} times "),
-                false => String::new(),
+            let times = if is_balance {
+                format!("{red:.2}, {green:.2} and {blue:.2} (red, green and blue) times ")
+            } else if (green - 1.0).abs() >= MIN_BALANCE - 1.0 {
+                format!("{green:.2} times ")
+            } else {
+                String::new()
             };
             return format!(
                 "look as if they had another tone curve, with {times}the photographs' levels (0 to 1) to the power of \
                  {gamma:.2}, as after tone mapping or with another gamma"
             );
         }
-        match is_balance {
-            true => format!(
+        if is_balance {
+            format!(
                 "have {red:.2}, {green:.2} and {blue:.2} times the red, green and blue of the photographs, as with another \
                  white balance"
-            ),
-            false => format!(
+            )
+        } else {
+            format!(
                 "have {green:.2} times the levels of the photographs, as with another exposure{}",
                 if most < 1.0 {
                     " or colours that were multiplied by alpha"
                 } else {
                     ""
                 }
-            ),
+            )
         }
     }
 }
@@ -274,9 +277,10 @@ fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
         _ => true,
     };
     let best = curves.into_iter().filter(is_told).reduce(|best, curve| {
-        match error(pairs, curve) < MAX_BETTER_ERROR * error(pairs, best) {
-            true => curve,
-            false => best,
+        if error(pairs, curve) < MAX_BETTER_ERROR * error(pairs, best) {
+            curve
+        } else {
+            best
         }
     })?;
     (255.0 * off >= min_off && error(pairs, best) <= MAX_EXPLAINED_ERROR * before).then_some(best)
@@ -351,18 +355,19 @@ fn common_curve(tones: &[&Tone], name: &str, extent: Extent) -> Option<String> {
     if extent == Extent::Scene && 4 * of_sources > all {
         return None;
     }
-    is_most(count).then(|| match is_most(of_sources) {
-        true => format!(
+    is_most(count).then(|| if is_most(of_sources) {
+format!(
             "its pictures {} ({count} of the {all} compared in pairs of {name}); the same holds for the sources, so the \
              dataset's photographs differ in exposure or white balance, and the predictions are not to blame",
             curve.text()
-        ),
-        false => format!(
+        )
+} else {
+format!(
             "its pictures {} ({count} of the {all} compared in pairs of {name} agree, and the sources do not); store them \
              in sRGB, as the photographs are",
             curve.text()
-        ),
-    })
+        )
+})
 }
 
 /// A sentence if many sources and targets differ in exposure, each pair by a different factor, and the pictures follow
@@ -543,13 +548,9 @@ mod tests {
             ("holes at one side", &|_, x, _, color| {
                 if x > 125 { [0.0; 3] } else { color }
             }),
-            (
-                "holes on all sides",
-                &|_, x, y, color| match off(x, y) > 0.5 {
-                    true => [0.0; 3],
-                    false => color,
-                },
-            ),
+            ("holes on all sides", &|_, x, y, color| {
+                if off(x, y) > 0.5 { [0.0; 3] } else { color }
+            }),
             ("unfinished side", &|_, x, _, color| {
                 if x > 130 { [0.3; 3] } else { color }
             }),

@@ -127,9 +127,10 @@ fn prepare_all<'a>(
             let units: Result<Vec<_>, EvaluateError> = methods
                 .iter()
                 .map(|method| {
-                    let prepared = match observer.stop() {
-                        true => Prepared::Left,
-                        false => pair.prepare(method.as_ref(), &mut sources)?,
+                    let prepared = if observer.stop() {
+                        Prepared::Left
+                    } else {
+                        pair.prepare(method.as_ref(), &mut sources)?
                     };
                     Ok((method.label().to_owned(), prepared))
                 })

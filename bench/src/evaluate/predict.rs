@@ -265,9 +265,10 @@ impl<'j, 'a> PairWork<'j, 'a> {
             }
             Ok(Some(made)) => {
                 let picture = self.keep(&mut unit, made)?;
-                Ok(match job.options.stages.scores() {
-                    false => Prepared::Waiting,
-                    true => Prepared::Unscored(Box::new(Unscored { unit, picture })),
+                Ok(if job.options.stages.scores() {
+                    Prepared::Unscored(Box::new(Unscored { unit, picture }))
+                } else {
+                    Prepared::Waiting
                 })
             }
         }
@@ -493,9 +494,10 @@ impl<'j, 'a> PairWork<'j, 'a> {
             let facts = self.check_source(method, &prediction, name, sources)?;
             sources.check = Some((keys.predict.clone(), facts));
         }
-        let truth = match method.privilege().target_pose {
-            true => Some(self.truth.get().map_err(Failure::Pair)?),
-            false => None,
+        let truth = if method.privilege().target_pose {
+            Some(self.truth.get().map_err(Failure::Pair)?)
+        } else {
+            None
         };
         let (rendered, render_secs) = self.timed(|| {
             let (source, target) = (&self.source, &self.target);

@@ -170,22 +170,13 @@ fn score_unit(
         Ok(kept) => kept,
         Err(error) => return readings.lacks("every reading", &error.to_string()),
     };
-    let linear = match store.has_float(unit) {
-        true => read_linear(&path("exr")).map_err(|error| error.to_string()),
-        false
-            if unit
-                .picture
-                .as_ref()
-                .is_some_and(|picture| picture.float_sha256.is_some()) =>
-        {
-            Err(
-                "the linear picture is missing, or differs from the one that was rendered"
-                    .to_owned(),
-            )
-        }
-        false => Err(
-            "only runs with --keep float keep linear pictures, and only of renderings".to_owned(),
-        ),
+    let picture = unit.picture.as_ref();
+    let linear = if store.has_float(unit) {
+        read_linear(&path("exr")).map_err(|error| error.to_string())
+    } else if picture.is_some_and(|picture| picture.float_sha256.is_some()) {
+        Err("the linear picture is missing, or differs from the one that was rendered".to_owned())
+    } else {
+        Err("only runs with --keep float keep linear pictures, and only of renderings".to_owned())
     };
     let region = record.crop.map(|crop| crop.region);
     let mut pictures: Vec<(PictureReading, Picture)> = Vec::new();

@@ -198,9 +198,10 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
 
 /// The folder with the units that tables show: the common region's if there is one, otherwise `folder` itself.
 pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
-    match manifest.common_region {
-        true => folder.common_region(),
-        false => folder.clone(),
+    if manifest.common_region {
+        folder.common_region()
+    } else {
+        folder.clone()
     }
 }
 

@@ -137,22 +137,24 @@ impl Evaluation {
             let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
             return self.begin(&folder, &plan, block, &keys, observer);
         }
-        match folder.plan()?.blocks == plan.blocks {
-            true => Ok(()),
-            false => Err(refused(
+        if folder.plan()?.blocks == plan.blocks {
+            Ok(())
+        } else {
+            Err(refused(
                 out,
                 "it was planned with other pairs or methods; use another folder",
-            )),
+            ))
         }
     }
 
     fn check_shardable(&self, out: &Path) -> Result<(), EvaluateError> {
-        match self.common_region {
-            false => Ok(()),
-            true => Err(refused(
+        if self.common_region {
+            Err(refused(
                 out,
                 "--common-region scores all methods on all pairs at once, which shards cannot do",
-            )),
+            ))
+        } else {
+            Ok(())
         }
     }
 

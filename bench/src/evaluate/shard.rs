@@ -27,9 +27,10 @@ impl Shard {
     /// # Errors
     /// If `index` is not in 1..=`count`, or `count` exceeds `MAX_SHARDS`.
     pub fn new(index: usize, count: usize) -> Result<Self, ShardError> {
-        match (1..=count).contains(&index) && count <= MAX_SHARDS {
-            true => Ok(Self { index, count }),
-            false => Err(ShardError::Range { index, count }),
+        if (1..=count).contains(&index) && count <= MAX_SHARDS {
+            Ok(Self { index, count })
+        } else {
+            Err(ShardError::Range { index, count })
         }
     }
 

@@ -29,9 +29,10 @@ pub struct Shown {
 
 fn renaming(text: &str) -> Result<(String, String), &'static str> {
     let (old, new) = text.split_once('=').ok_or("expected OLD=NEW")?;
-    match old.is_empty() || new.is_empty() || new.contains(char::is_control) {
-        true => Err("expected OLD=NEW, with a one-line name on both sides"),
-        false => Ok((old.to_owned(), new.to_owned())),
+    if old.is_empty() || new.is_empty() || new.contains(char::is_control) {
+        Err("expected OLD=NEW, with a one-line name on both sides")
+    } else {
+        Ok((old.to_owned(), new.to_owned()))
     }
 }
 

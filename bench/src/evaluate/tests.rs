@@ -720,9 +720,10 @@ fn a_bundle_is_the_results_without_pictures() {
     // One method fails on a pair, one metric is perfect, one has no number.
     let fails = Closure::new("fails", "1", |_, target: &TargetCamera| {
         let (width, height) = target.size();
-        match target.pair_id().ends_with("view_01") {
-            true => Err(MethodError::Model("not this one".to_owned())),
-            false => Ok(RgbImage::new(width, height).into()),
+        if target.pair_id().ends_with("view_01") {
+            Err(MethodError::Model("not this one".to_owned()))
+        } else {
+            Ok(RgbImage::new(width, height).into())
         }
     });
     let mut methods = by_spec(&["target", "copy"]);

@@ -62,9 +62,10 @@ pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
         }
     }
     if highest > 0.0 && highest < 0.5 {
-        let levels = match highest == 1.0 / 255.0 {
-            true => "its levels are 0 and 1".to_owned(),
-            false => format!("its highest level is {:.0}", highest * 255.0),
+        let levels = if highest == 1.0 / 255.0 {
+            "its levels are 0 and 1".to_owned()
+        } else {
+            format!("its highest level is {:.0}", highest * 255.0)
         };
         return Err(refused(format!(
             "{levels}; a mask is 255 where pixels count"

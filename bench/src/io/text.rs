@@ -25,9 +25,10 @@ fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
     }
     let mut out = String::with_capacity(text.len() + 16);
     for c in text.chars() {
-        match is_escaped(c) {
-            true => out += &format!("\\u{:04x}", u32::from(c)),
-            false => out.push(c),
+        if is_escaped(c) {
+            out += &format!("\\u{:04x}", u32::from(c))
+        } else {
+            out.push(c)
         }
     }
     out.into()
@@ -108,9 +109,10 @@ fn is_formula(text: &str) -> bool {
 /// A CSV cell for untrusted text: prefixes `'` if a spreadsheet would evaluate the text;
 /// [`csv_text`] removes the prefix. Numbers do not need this.
 pub fn csv_cell(text: &str) -> Cow<'_, str> {
-    match is_formula(text) {
-        true => format!("'{text}").into(),
-        false => text.into(),
+    if is_formula(text) {
+        format!("'{text}").into()
+    } else {
+        text.into()
     }
 }
 

@@ -204,9 +204,10 @@ impl FitRules {
             ));
         }
         // The aspect ratios count as equal if they differ only because the smaller size is rounded to whole pixels.
-        let ((small_w, small_h), (large_w, large_h)) = match w > to_w || h > to_h {
-            true => ((to_w, to_h), (w, h)),
-            false => ((w, h), (to_w, to_h)),
+        let ((small_w, small_h), (large_w, large_h)) = if w > to_w || h > to_h {
+            ((to_w, to_h), (w, h))
+        } else {
+            ((w, h), (to_w, to_h))
         };
         let height = f64::from(small_w) * f64::from(large_h) / f64::from(large_w);
         let width = f64::from(small_h) * f64::from(large_w) / f64::from(large_h);

@@ -70,9 +70,10 @@ impl Axes {
     pub fn parse_flip(text: &str) -> Result<[f32; 3], String> {
         let matrix = Self::parse(text).map_or(DMat3::ZERO, Self::matrix);
         let signs = [matrix.x_axis.x, matrix.y_axis.y, matrix.z_axis.z];
-        match signs.iter().product::<f64>() == 1.0 {
-            true => Ok(signs.map(|sign| sign as f32)),
-            false => Err(format!("axes={text}: expected rdf, rub, luf or ldb")),
+        if signs.iter().product::<f64>() == 1.0 {
+            Ok(signs.map(|sign| sign as f32))
+        } else {
+            Err(format!("axes={text}: expected rdf, rub, luf or ldb"))
         }
     }
 
@@ -153,9 +154,10 @@ impl Placement {
                 |map| map.to_cols_array().map(|v| v.to_string()).join(":"),
             ),
             format!("{x}:{y}"),
-            match across == down {
-                true => across.to_string(),
-                false => format!("{across}:{down}"),
+            if across == down {
+                across.to_string()
+            } else {
+                format!("{across}:{down}")
             },
         ]
     }

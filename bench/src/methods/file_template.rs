@@ -27,9 +27,10 @@ impl FileTemplate {
         for name in NAMES {
             rest = rest.replace(&format!("{{{name}}}"), "x");
         }
-        match is_below(Path::new(&rest)) && !rest.contains(['{', '}']) {
-            true => Ok(Self(text.to_owned())),
-            false => Err(needed()),
+        if is_below(Path::new(&rest)) && !rest.contains(['{', '}']) {
+            Ok(Self(text.to_owned()))
+        } else {
+            Err(needed())
         }
     }
 
@@ -47,10 +48,11 @@ impl FileTemplate {
     /// encoded as in ids. The files need not exist.
     pub(super) fn candidates(&self, folder: &Path, id: &str) -> Vec<PathBuf> {
         let encoded = path_of(id);
-        let plain = match id.contains("__") {
-            true => PairName::decode(id),
+        let plain = if id.contains("__") {
+            PairName::decode(id)
+        } else {
             // `x` stands in for the target, because templates for a source's files do not contain `{target}`.
-            false => PairName::decode(&format!("{id}__x")),
+            PairName::decode(&format!("{id}__x"))
         };
         let mut of_parts = encoded.splitn(3, '/');
         let mut part = || of_parts.next().unwrap_or_default();

@@ -116,9 +116,10 @@ impl GaussianFiles {
 
     /// The id in the file's name: the pair's if each target has its own file, otherwise the source's.
     fn file_id<'p>(&self, pair_id: &'p str) -> &'p str {
-        match self.needs_target() {
-            true => pair_id,
-            false => source_of(pair_id),
+        if self.needs_target() {
+            pair_id
+        } else {
+            source_of(pair_id)
         }
     }
 

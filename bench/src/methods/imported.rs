@@ -201,9 +201,10 @@ impl PredictAtScale for Imported {
 
     fn check(&self, (folder, _): &Scale) -> Result<(), String> {
         let dir = self.dir.join(folder);
-        match dir.is_dir() {
-            true => Ok(()),
-            false => Err(format!("{} is not a folder", dir.display())),
+        if dir.is_dir() {
+            Ok(())
+        } else {
+            Err(format!("{} is not a folder", dir.display()))
         }
     }
 }

@@ -24,22 +24,24 @@ pub fn is_training_list(text: &str) -> bool {
 impl TrainingViews {
     /// Parses `train=`: a list (a `.txt` file, one pattern per line) or a single pattern.
     pub(super) fn read(text: &str) -> Result<Self, String> {
-        let list = match is_training_list(text) {
-            true => sharp::files::read_text(Path::new(text))
-                .map_err(|error| format!("train={text}: {error}"))?,
-            false => text.to_owned(),
+        let list = if is_training_list(text) {
+            sharp::files::read_text(Path::new(text))
+                .map_err(|error| format!("train={text}: {error}"))?
+        } else {
+            text.to_owned()
         };
         let names = list.lines().map(str::trim).filter(|name| !name.is_empty());
         let names = names.flat_map(|name| [Some(name), without_extension(name)]);
         let patterns: Result<Vec<GlobMatcher>, String> =
             names.flatten().map(name_matcher).collect();
         let patterns = patterns.map_err(|error| format!("train={text}: {error}"))?;
-        match patterns.is_empty() {
-            true => Err(format!("train={text} lists no view")),
-            false => Ok(Self {
+        if patterns.is_empty() {
+            Err(format!("train={text} lists no view"))
+        } else {
+            Ok(Self {
                 patterns,
                 sha256: sha256_hex(list.as_bytes()),
-            }),
+            })
         }
     }
 

@@ -41,9 +41,10 @@ pub(super) fn advice(
     let left_out = left_out(&dataset.name, counts, broken);
     // If every view is broken, changing the options cannot help.
     let is_all = counts.selected == 0 && counts.with_depth == 0 && left_out.is_some();
-    let pairs = match is_all {
-        true => None,
-        false => of_pairs(dataset, counts, options),
+    let pairs = if is_all {
+        None
+    } else {
+        of_pairs(dataset, counts, options)
     };
     left_out.into_iter().chain(pairs).collect()
 }

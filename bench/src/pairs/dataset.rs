@@ -59,15 +59,16 @@ impl OpenDataset {
             let dataset = Self::open_recorded(config, &[], scenes)?;
             let is_taken = open.iter().any(|other| other.name == dataset.name);
             if is_taken || dataset.name == ALL_DATASETS {
-                let reason = match is_taken {
-                    true => format!(
+                let reason = if is_taken {
+                    format!(
                         "the name '{}' is taken; give this dataset another name with NAME:FORMAT=PATH",
                         dataset.name
-                    ),
-                    false => format!(
+                    )
+                } else {
+                    format!(
                         "'{ALL_DATASETS}' is reserved for the mean over datasets; give this \
                          dataset another name with NAME:FORMAT=PATH"
-                    ),
+                    )
                 };
                 return Err(PairError::DatasetSpec {
                     spec: config.to_string(),
@@ -109,9 +110,10 @@ impl OpenDataset {
         }
         let left_out = by_reason(&found.left_out);
         // If all scenes are broken, report them as the reason why none is left.
-        let scenes = match found.scenes.is_empty() {
-            true => found.all()?,
-            false => found.scenes,
+        let scenes = if found.scenes.is_empty() {
+            found.all()?
+        } else {
+            found.scenes
         };
         let mut settings = format!("{} {:?}", given.entry.format, given.settings);
         let readings = spec.readings().into_iter();

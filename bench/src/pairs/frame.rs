@@ -75,11 +75,14 @@ impl Frame {
                 size,
             }
         };
-        let smaller = |to_w: u32, to_h: u32| match w < to_w || h < to_h {
-            true => Err(format!(
-                "frame={self}: a view is {w}x{h}, and pictures are never enlarged"
-            )),
-            false => Ok(()),
+        let smaller = |to_w: u32, to_h: u32| {
+            if w < to_w || h < to_h {
+                Err(format!(
+                    "frame={self}: a view is {w}x{h}, and pictures are never enlarged"
+                ))
+            } else {
+                Ok(())
+            }
         };
         let rounded = |side: f64| side.round_ties_even() as u32;
         let (fw, fh) = (f64::from(w), f64::from(h));

@@ -69,9 +69,10 @@ impl SceneOverlaps {
     /// The share of the target visible in the source, and of the source visible in the target; `None` without depth.
     pub(super) fn overlaps(&self, source: usize, target: usize) -> Option<(f64, f64)> {
         let found = (*self.couple(source, target)?)?;
-        Some(match target < source {
-            true => (found.a_in_b, found.b_in_a),
-            false => (found.b_in_a, found.a_in_b),
+        Some(if target < source {
+            (found.a_in_b, found.b_in_a)
+        } else {
+            (found.b_in_a, found.a_in_b)
         })
     }
 

@@ -154,9 +154,12 @@ impl Protocol {
     }
 
     fn check_pairs(&self, asked: &PairConfig) -> Result<(), ConfigError> {
-        let needs = |reason: String| match asked.pairs.is_some() {
-            true => Ok(()),
-            false => Err(self.refusal(format!("needs --pairs FILE: {reason}"))),
+        let needs = |reason: String| {
+            if asked.pairs.is_some() {
+                Ok(())
+            } else {
+                Err(self.refusal(format!("needs --pairs FILE: {reason}")))
+            }
         };
         match &self.pairs {
             PairRule::Paper if asked.pairs.is_some() => Ok(()),

@@ -132,9 +132,10 @@ impl Level<'_> {
     ) -> Result<RenderOutput, RenderError> {
         let camera = map * self.camera_from_scene;
         let view = self.renderer.view(camera, self.intrinsics, self.rule);
-        let low_pass = match self.is_last {
-            true => view.rule.low_pass,
-            false => view.rule.low_pass.max(LOW_PASS),
+        let low_pass = if self.is_last {
+            view.rule.low_pass
+        } else {
+            view.rule.low_pass.max(LOW_PASS)
         };
         loaded.render(&view.with_low_pass(low_pass))
     }
@@ -167,9 +168,10 @@ impl Level<'_> {
                 }
             }
             // The overlap must be large, because a few pixels may be alike by chance.
-            match 4 * count > width * height {
-                true => sum / f64::from(count),
-                false => f64::INFINITY,
+            if 4 * count > width * height {
+                sum / f64::from(count)
+            } else {
+                f64::INFINITY
             }
         };
         let all = (-reach..=reach).flat_map(|dx| (-reach..=reach).map(move |dy| [dx, dy]));
@@ -307,9 +309,10 @@ fn damped_step(squares: &[Six; 6], b: &Six, damping: f64) -> Six {
         for column in 0..=row {
             let known: f64 = (0..column).map(|k| l[row][k] * l[column][k]).sum();
             let rest = l[row][column] - known;
-            l[row][column] = match row == column {
-                true => rest.max(floor).sqrt(),
-                false => rest / l[column][column],
+            l[row][column] = if row == column {
+                rest.max(floor).sqrt()
+            } else {
+                rest / l[column][column]
             };
         }
         let known: f64 = (0..row).map(|k| l[row][k] * step[k]).sum();
@@ -345,9 +348,10 @@ fn shrunk_mask(valid: &Mask, to: Intrinsics) -> Vec<bool> {
     let whole = ImageBuffer::from_fn(width, height, |x, y| {
         Luma([f32::from(u8::from(inside(x, y)))])
     });
-    let seen = match (width, height) == (to.width, to.height) {
-        true => whole,
-        false => resize(&whole, to.width, to.height, FilterType::Triangle),
+    let seen = if (width, height) == (to.width, to.height) {
+        whole
+    } else {
+        resize(&whole, to.width, to.height, FilterType::Triangle)
     };
     seen.iter().map(|share| *share > 0.999).collect()
 }
@@ -357,9 +361,10 @@ fn shrunk(photograph: &RgbImage, to: Intrinsics) -> Rgb32FImage {
     for (to, from) in whole.pixels_mut().zip(photograph.pixels()) {
         *to = Rgb(from.0.map(|level| f32::from(level) / 255.0));
     }
-    match photograph.dimensions() == (to.width, to.height) {
-        true => whole,
-        false => resize(&whole, to.width, to.height, FilterType::Triangle),
+    if photograph.dimensions() == (to.width, to.height) {
+        whole
+    } else {
+        resize(&whole, to.width, to.height, FilterType::Triangle)
     }
 }
 

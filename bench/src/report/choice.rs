@@ -40,9 +40,12 @@ pub(super) fn choose<'a>(
         let worst = share.div_ceil(2);
         let rest = worst_first.len() - worst;
         let others = share - worst;
-        let other = |i: usize| match evenly {
-            true => worst + (2 * i + 1) * rest / (2 * others),
-            false => worst_first.len() - others + i,
+        let other = |i: usize| {
+            if evenly {
+                worst + (2 * i + 1) * rest / (2 * others)
+            } else {
+                worst_first.len() - others + i
+            }
         };
         let mut picked: Vec<&PairBoard<'a>> = (0..worst)
             .chain((0..others).map(other))

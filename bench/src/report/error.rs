@@ -59,9 +59,10 @@ impl ReportError {
         Self::Absent {
             what,
             name: name.to_owned(),
-            known: match known.is_empty() {
-                true => "none".to_owned(),
-                false => known.join(", "),
+            known: if known.is_empty() {
+                "none".to_owned()
+            } else {
+                known.join(", ")
             },
         }
     }

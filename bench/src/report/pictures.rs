@@ -75,9 +75,10 @@ impl<'a> ReportPictures<'a> {
 
     fn check_terms(&self, record: &Record) -> Result<(), MissingPicture> {
         let withheld = self.withheld.as_ref();
-        match withheld.is_some_and(|withheld| withheld.contains(&record.dataset)) {
-            true => Err(MissingPicture::NotPublic),
-            false => Ok(()),
+        if withheld.is_some_and(|withheld| withheld.contains(&record.dataset)) {
+            Err(MissingPicture::NotPublic)
+        } else {
+            Ok(())
         }
     }
 

@@ -276,9 +276,10 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
                     x,
                     y.clone(),
                 ),
-                content: match columns.is_empty() {
-                    true => Err("fewer than two scenes"),
-                    false => Ok(Box::new(draw)),
+                content: if columns.is_empty() {
+                    Err("fewer than two scenes")
+                } else {
+                    Ok(Box::new(draw))
                 },
             }
         });

@@ -102,9 +102,10 @@ impl Spread {
         let clusters = Clusters::new(units.iter().map(|(scene, value)| (*scene, [0.0, *value])));
         let jackknife = Jackknife::new(&clusters);
         let se = jackknife.variance.sqrt();
-        let reach = match se > 0.0 {
-            true => t_critical(ALPHA, jackknife.degrees_of_freedom),
-            false => 0.0,
+        let reach = if se > 0.0 {
+            t_critical(ALPHA, jackknife.degrees_of_freedom)
+        } else {
+            0.0
         };
         Some(Self {
             scenes: scenes.len(),
@@ -162,9 +163,10 @@ fn gather(
                 cell.scored.push(position);
             }
             Err((failed, reason)) => {
-                let reasons = match failed {
-                    true => &mut cell.failures,
-                    false => &mut cell.absences,
+                let reasons = if failed {
+                    &mut cell.failures
+                } else {
+                    &mut cell.absences
                 };
                 match reasons.iter_mut().find(|(known, _)| *known == reason) {
                     Some((_, n)) => *n += 1,

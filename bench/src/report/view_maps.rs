@@ -14,9 +14,10 @@ const CUT_SHARE: f64 = 0.02;
 /// The picture, with stripes over pixels that are not scored.
 pub fn masked(picture: &RgbImage, scored: impl Fn(u32, u32) -> bool) -> RgbImage {
     RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
-        match scored(x, y) {
-            true => *picture.get_pixel(x, y),
-            false => hatched(x, y),
+        if scored(x, y) {
+            *picture.get_pixel(x, y)
+        } else {
+            hatched(x, y)
         }
     })
 }
@@ -46,9 +47,10 @@ pub fn inverse_depth(depth: &DepthMap, side: u32) -> RgbImage {
     // Sparse maps may have depth in only one pixel of twenty, so a reduced pixel is coloured if any of its pixels has
     // depth.
     averaged(inverse, is_known, f32::MIN_POSITIVE, side, |value| {
-        let share = match most > least {
-            true => (value - least) / (most - least),
-            false => 0.5,
+        let share = if most > least {
+            (value - least) / (most - least)
+        } else {
+            0.5
         };
         Rgb(turbo(share))
     })

@@ -299,15 +299,16 @@ fn check_folder(out: &Path) -> Result<(), FileError> {
                 .all(|name| list.lines().any(|line| line == *name))
         }
     };
-    match is_ours {
-        true => Ok(()),
-        false => refused(
+    if is_ours {
+        Ok(())
+    } else {
+        refused(
             out,
             &format!(
                 "it contains {} and is not a report of sharp-bench",
                 first.display()
             ),
-        ),
+        )
     }
 }
 

@@ -73,9 +73,10 @@ fn write(out: &Path, files: Vec<(String, String)>) -> Result<Vec<PathBuf>, Scale
     for (name, text) in files {
         let path = out.join(name);
         // Insert after the shebang line.
-        let (first, rest) = match text.starts_with("#!") {
-            true => text.split_once('\n').unwrap_or((&text, "")),
-            false => ("", text.as_str()),
+        let (first, rest) = if text.starts_with("#!") {
+            text.split_once('\n').unwrap_or((&text, ""))
+        } else {
+            ("", text.as_str())
         };
         let first = match first {
             "" => String::new(),
@@ -121,9 +122,10 @@ fn quoted(what: &'static str, text: &str) -> Result<String, ScaleError> {
     }
     // Quote `=`, because a leading `NAME=value` would set a variable.
     let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+:@%".contains(c);
-    Ok(match !text.is_empty() && text.chars().all(plain) {
-        true => text.to_owned(),
-        false => format!("'{}'", text.replace('\'', "'\\''")),
+    Ok(if !text.is_empty() && text.chars().all(plain) {
+        text.to_owned()
+    } else {
+        format!("'{}'", text.replace('\'', "'\\''"))
     })
 }
 
@@ -144,9 +146,10 @@ fn memory_mib(peak_bytes: Option<u64>) -> u64 {
 
 /// Command-line arguments of every shard.
 fn arguments(shards: &Shards) -> String {
-    match shards.allow_programs {
-        true => "--allow-programs".to_owned(),
-        false => String::new(),
+    if shards.allow_programs {
+        "--allow-programs".to_owned()
+    } else {
+        String::new()
     }
 }
 

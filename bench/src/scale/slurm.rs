@@ -29,9 +29,10 @@ const JOBS: [&str; 5] = ["pictures", "score", "all", "merge", "every"];
 pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
     let Slurm { shards, out, .. } = request;
     let (estimate, name) = planned(shards)?;
-    let stages = match request.stages_apart {
-        true => vec!["pictures", "score"],
-        false => vec!["all"],
+    let stages = if request.stages_apart {
+        vec!["pictures", "score"]
+    } else {
+        vec!["all"]
     };
     let values = |stage: &'static str| -> Result<super::Values, ScaleError> {
         let cost = cost(&estimate, stage);
@@ -57,9 +58,10 @@ pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
             ),
             (
                 "retry",
-                match shards.retry_failed {
-                    true => "--retry-failed".to_owned(),
-                    false => String::new(),
+                if shards.retry_failed {
+                    "--retry-failed".to_owned()
+                } else {
+                    String::new()
                 },
             ),
         ])

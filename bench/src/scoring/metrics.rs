@@ -93,9 +93,10 @@ impl Scoring {
                 ..metric.clone()
             }
         };
-        let metrics = match rules == self.rules {
-            true => self.metrics.clone(),
-            false => self.metrics.iter().map(of).collect(),
+        let metrics = if rules == self.rules {
+            self.metrics.clone()
+        } else {
+            self.metrics.iter().map(of).collect()
         };
         Self {
             scorer: self.scorer.restricted(self.scorer.keys()),

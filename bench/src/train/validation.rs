@@ -237,9 +237,10 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
     let mut means = Vec::new();
     for dataset in &board.datasets {
         for metric in &board.metrics {
-            let name = match several {
-                true => format!("{} {}", dataset.dataset.name, metric.key),
-                false => metric.key.clone(),
+            let name = if several {
+                format!("{} {}", dataset.dataset.name, metric.key)
+            } else {
+                metric.key.clone()
             };
             let mean = of_metric(dataset, 0, &metric.key).mean;
             means.extend(mean.map(|mean| (name, mean)));

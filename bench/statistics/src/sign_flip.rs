@@ -48,11 +48,12 @@ impl SignFlip {
                 let mut random = resampling.stream(2 * u64::from(k) + 1);
                 range(sample, || random.next_u64())
             });
-            let mut all: Vec<_> = match sample.all_equal() {
+            let mut all: Vec<_> = if sample.all_equal() {
                 // All flips have the same result. Skip drawing them: comparing two identical runs
                 // is common and should be quick.
-                true => vec![(0.0, 0.0); resampling.count.get() as usize],
-                false => drawn.collect(),
+                vec![(0.0, 0.0); resampling.count.get() as usize]
+            } else {
+                drawn.collect()
             };
             all.push(observed);
             all

@@ -43,9 +43,10 @@ impl Units {
     /// Text to append to a contradiction, with inverted masks as another possible cause. `excluded` is the fraction of
     /// pixels that the masks exclude.
     pub(super) fn inverted_masks(self, excluded: f64) -> String {
-        let setting = match self.has_mask_sides {
-            true => " (masks=keep-black keeps black pixels, masks=keep-white white ones)",
-            false => "",
+        let setting = if self.has_mask_sides {
+            " (masks=keep-black keeps black pixels, masks=keep-white white ones)"
+        } else {
+            ""
         };
         let percent = 100.0 * excluded;
         format!(
@@ -177,23 +178,27 @@ pub(super) fn sentence(
         Change::Cameras(how) => format!("{how} ({evidence}); correct the cameras' file"),
         Change::Bent(by) => {
             let is_undone = |view: &View| view.content.processing().undistorted.is_some();
-            match views.iter().any(is_undone) {
-                true => format!(
+            if views.iter().any(is_undone) {
+                format!(
                     "the distortion in the cameras' file does not fit the pictures, which fit better with k1 changed by \
                      about {} ({evidence}); correct the coefficients, or remove them if the pictures were undistorted already",
                     number(-by)
-                ),
-                false => format!(
+                )
+            } else {
+                format!(
                     "lens distortion was left in, with a k1 of about {} ({evidence}); undistort the pictures, or put the \
                      coefficients into the cameras' file",
                     number(-by)
-                ),
+                )
             }
         }
         Change::Registered(by) => {
-            let size = (by.zoom != 1.0).then(|| match by.zoom < 1.0 {
-                true => format!("enlarged {} times", number(1.0 / by.zoom)),
-                false => format!("reduced to {} of its size", number(1.0 / by.zoom)),
+            let size = (by.zoom != 1.0).then(|| {
+                if by.zoom < 1.0 {
+                    format!("enlarged {} times", number(1.0 / by.zoom))
+                } else {
+                    format!("reduced to {} of its size", number(1.0 / by.zoom))
+                }
             });
             let off = -by.off * f64::from(first.width) / by.zoom;
             // Addition turns -0 into 0.
@@ -289,8 +294,9 @@ pub(super) fn number(value: f64) -> String {
     }
     let places = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
     let text = format!("{value:.places$}");
-    match text.contains('.') {
-        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
-        false => text,
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
     }
 }

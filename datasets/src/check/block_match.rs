@@ -71,17 +71,18 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
     best.sort_by(f32::total_cmp);
     let share = near as f64 / best.len().max(1) as f64;
     let is_pair = *best.get(best.len() / 2)? >= MIN_RELATED;
-    let (least, what, cause) = match is_pair {
-        true => (
+    let (least, what, cause) = if is_pair {
+        (
             MIN_NEAR,
             "the pictures match each other, but not at the disparities",
             "perhaps the disparity map belongs to another scene or to other pictures",
-        ),
-        false => (
+        )
+    } else {
+        (
             MIN_NEAR_OF_UNRELATED,
             "the pictures do not seem to show the same scene",
             "perhaps the right picture is from another pair",
-        ),
+        )
     };
     (best.len() >= MIN_BLOCKS && share < least).then(|| {
         format!(

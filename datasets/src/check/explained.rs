@@ -197,9 +197,10 @@ impl Explained {
         stride: usize,
     ) -> Self {
         let camera = |k: &Intrinsics, focal: DVec2| {
-            let (cx, cy) = match reading.centre_swapped {
-                true => (k.cy, k.cx),
-                false => (k.cx, k.cy),
+            let (cx, cy) = if reading.centre_swapped {
+                (k.cy, k.cx)
+            } else {
+                (k.cx, k.cy)
             };
             let off = reading.centre_off * f64::from(k.width);
             let (cx, cy) = (cx + off.x, cy + off.y);

@@ -184,9 +184,12 @@ impl Neighbours<'_> {
             return Some(values);
         }
         let rounded = plausible::rounded(self.views, units);
-        let unexplained = |text: String| match have_one_rotation(self.views) {
-            true => ONE_ROTATION.to_owned(),
-            false => text + rounded.as_deref().unwrap_or_default(),
+        let unexplained = |text: String| {
+            if have_one_rotation(self.views) {
+                ONE_ROTATION.to_owned()
+            } else {
+                text + rounded.as_deref().unwrap_or_default()
+            }
         };
         match self.better(units) {
             Some(better) => {
@@ -194,14 +197,13 @@ impl Neighbours<'_> {
                 let is_doubtful = better.is_slight
                     || matches!(better.change, Change::Focal(Focal::X | Focal::Y, _));
                 let is_cause = better.fits_well && !(is_doubtful && rounded.is_some());
-                Some(match is_cause {
-                    true => {
-                        advice::sentence(&better.change, &evidence, units, median_m, self.views)
-                    }
-                    false => unexplained(format!(
+                Some(if is_cause {
+                    advice::sentence(&better.change, &evidence, units, median_m, self.views)
+                } else {
+                    unexplained(format!(
                         "poses, cameras, pictures and depth are inconsistent, and no single correction that was \
                          tried explains it (with the best one, {evidence})"
-                    )),
+                    ))
                 })
             }
             None => {
@@ -313,18 +315,20 @@ impl Neighbours<'_> {
                 }
             }
         }
-        match off.length() < MIN_OFF {
-            true => DVec2::ZERO,
-            false => off,
+        if off.length() < MIN_OFF {
+            DVec2::ZERO
+        } else {
+            off
         }
     }
 
     /// The factor whose reading, `with(factor)`, has the least loss; tries factors as [`least`] does.
     pub(super) fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
         let coarse = self.stride_of(COARSE_SAMPLES).max(4 * self.stride);
-        let fine = self.stride_of(match self.thorough {
-            true => THOROUGH_SAMPLES,
-            false => FINE_SAMPLES,
+        let fine = self.stride_of(if self.thorough {
+            THOROUGH_SAMPLES
+        } else {
+            FINE_SAMPLES
         });
         let as_read = landed(&self.explained(&Reading::AS_READ, coarse));
         least(n, step, &|factor, is_coarse| {

@@ -97,24 +97,26 @@ pub(super) fn contradiction(
     let misses = worst.misses_by().map_or(String::new(), |median| {
         format!(
             ", and depth and poses predict positions {} away from them",
-            match median.is_finite() {
-                true => format!(
+            if median.is_finite() {
+format!(
                     "{median:.1} pixels (the median, at a width of {WIDEST} or less; below 1 is usual)"
-                ),
-                false => "far".to_owned(),
-            }
+                )
+} else {
+"far".to_owned()
+}
         )
     });
-    let (what, causes) = match contradicted.all(Residual::is_on_lines) {
-        true => (
+    let (what, causes) = if contradicted.all(Residual::is_on_lines) {
+        (
             "pictures and poses fit each other, so depth does not fit them",
             "perhaps depth is nonlinear, wrapped around, or from another source or of another size",
-        ),
-        false => (
+        )
+    } else {
+        (
             "pictures and poses contradict each other",
             "perhaps the poses are from another model, delayed, or relative to the previous frame, or pictures were \
              repeated, cropped or turned",
-        ),
+        )
     };
     Some(format!(
         "{what}, and no known correction explains it; {lines}{misses}; this holds for {n} of the {judged} pairs of \

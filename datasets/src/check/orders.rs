@@ -48,9 +48,12 @@ pub(super) fn orders(
 ) -> Vec<(String, Assignment, usize)> {
     let n = views.len();
     let shifted = |by: i64, from: usize| {
-        move |i: usize| match i < from {
-            true => Some(i),
-            false => usize::try_from(i as i64 + by).ok(),
+        move |i: usize| {
+            if i < from {
+                Some(i)
+            } else {
+                usize::try_from(i as i64 + by).ok()
+            }
         }
     };
     let id = |i: usize| &views[i].id;
@@ -163,9 +166,10 @@ impl Neighbours<'_> {
     /// The combinations of parts that may have been reassigned. Depth from maps may go with the picture or with the
     /// pose; depth from a scan always goes with the pose.
     fn moves(&self) -> &'static [Moves] {
-        match self.depth_by_pose {
-            true => &[Moves::PosesAndDepth],
-            false => &[Moves::Poses, Moves::PosesAndDepth, Moves::Depth],
+        if self.depth_by_pose {
+            &[Moves::PosesAndDepth]
+        } else {
+            &[Moves::Poses, Moves::PosesAndDepth, Moves::Depth]
         }
     }
 
@@ -230,9 +234,10 @@ impl Neighbours<'_> {
                 }
             }
             // Among so many poses, some fit by chance, but hardly as a consistent assignment.
-            let change = match is_one_to_one(&assigned) {
-                true => Change::Order(texts.join(", "), moves),
-                false => Change::Unlisted,
+            let change = if is_one_to_one(&assigned) {
+                Change::Order(texts.join(", "), moves)
+            } else {
+                Change::Unlisted
             };
             (change, explained)
         });

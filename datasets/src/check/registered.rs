@@ -71,15 +71,14 @@ impl Neighbours<'_> {
         }
         let mut found = same;
         for zooms in [zoom < shift, zoom >= shift, zoom < shift] {
-            found = match zooms {
-                true => {
-                    let factor = self.fit(ZOOMS.0, ZOOMS.1, &|factor| with(zoomed(found, factor)));
-                    zoomed(found, factor)
-                }
-                false => [DVec2::X, DVec2::Y].into_iter().fold(found, |found, axis| {
+            found = if zooms {
+                let factor = self.fit(ZOOMS.0, ZOOMS.1, &|factor| with(zoomed(found, factor)));
+                zoomed(found, factor)
+            } else {
+                [DVec2::X, DVec2::Y].into_iter().fold(found, |found, axis| {
                     let to = |factor: f64| moved(found, axis, 0.1 * factor.ln());
                     to(self.fit(OFFSETS.0, OFFSETS.1, &|factor| with(to(factor))))
-                }),
+                })
             };
         }
         if !is_reportable(found.zoom) {

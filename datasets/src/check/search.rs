@@ -30,9 +30,10 @@ pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
             at_b = at(b);
         }
     }
-    let (found, best) = match at_a < at_b {
-        true => (a.exp(), at_a),
-        false => (b.exp(), at_b),
+    let (found, best) = if at_a < at_b {
+        (a.exp(), at_a)
+    } else {
+        (b.exp(), at_b)
     };
     let round = rounded(found);
     if loss(round, false) <= 1.01 * best {

@@ -54,9 +54,10 @@ impl SmallView {
         widest: u32,
     ) -> Option<Self> {
         let valid = view.content.valid_pixels().ok()?;
-        let depth = match with_depth {
-            true => view.content.depth().ok().flatten(),
-            false => None,
+        let depth = if with_depth {
+            view.content.depth().ok().flatten()
+        } else {
+            None
         };
         let k = view.intrinsics;
         let factor = k.width.div_ceil(widest).max(1).min(k.height);
@@ -95,9 +96,10 @@ impl SmallView {
                     .0[0];
                 let all = || block(x, y).map(|(u, v)| depth.get_pixel(u, v).0[0]);
                 let nearest = || all().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
-                match middle > 0.0 {
-                    true => middle,
-                    false => Some(nearest()).filter(|z| z.is_finite()).unwrap_or(0.0),
+                if middle > 0.0 {
+                    middle
+                } else {
+                    Some(nearest()).filter(|z| z.is_finite()).unwrap_or(0.0)
                 }
             })
         });

@@ -65,9 +65,10 @@ impl Neighbours<'_> {
         };
         let factor = least(*steps, *step, &|factor, _| {
             let (_, explained) = chosen(factor, &as_read[0], rough);
-            match landed(&explained) < least_landed {
-                true => 1.0,
-                false => mean_loss(&explained),
+            if landed(&explained) < least_landed {
+                1.0
+            } else {
+                mean_loss(&explained)
             }
         });
         let (views, explained) = chosen(factor, &as_read[1], self.stride);

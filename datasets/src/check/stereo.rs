@@ -264,13 +264,10 @@ impl Pair {
         let (factor, scaled) = fit((40, 2_f64.powf(0.25)), &|factor, d| factor * d);
         // Pictures that were swapped together with their disparities would have positive ones.
         let negative = self.samples.iter().filter(|sample| sample.depth < 0.0);
-        let all_swapped = match 2 * negative.count() > self.samples.len() {
-            true => {
-                "the disparities are negated; store x in the left picture minus x in the right one"
-            }
-            false => {
-                "left and right are swapped, including the disparities; swap pictures and disparities"
-            }
+        let all_swapped = if 2 * negative.count() > self.samples.len() {
+            "the disparities are negated; store x in the left picture minus x in the right one"
+        } else {
+            "left and right are swapped, including the disparities; swap pictures and disparities"
         };
         let mut readings = vec![
             (SWAPPED.to_owned(), self.explained(right, &same, stride)),

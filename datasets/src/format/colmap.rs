@@ -155,9 +155,10 @@ fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
     if images.is_some_and(|found| !found.is_ok_and(|(_, i)| are_same_images(&i, &model.images))) {
         contradictions.push("other pictures or poses");
     }
-    let what = match whole {
-        true => format!("the {unread} model next to it"),
-        false => format!("cameras.{other} beside it"),
+    let what = if whole {
+        format!("the {unread} model next to it")
+    } else {
+        format!("cameras.{other} beside it")
     };
     let contradiction = match contradictions.is_empty() {
         true if !whole => return Vec::new(),
@@ -235,9 +236,10 @@ pub fn read_cameras(folder: &Path) -> Result<Option<(PathBuf, Cameras)>, Dataset
 }
 
 fn read_cameras_of(file: &Path) -> Result<Cameras, DatasetError> {
-    match file.extension().is_some_and(|extension| extension == "bin") {
-        true => files::parse(file, colmap_binary::cameras),
-        false => files::parse_text(file, colmap_text::cameras),
+    if file.extension().is_some_and(|extension| extension == "bin") {
+        files::parse(file, colmap_binary::cameras)
+    } else {
+        files::parse_text(file, colmap_text::cameras)
     }
 }
 
@@ -255,9 +257,10 @@ pub fn read_points(folder: &Path) -> Result<Option<(PathBuf, Vec<ColmapPoint>)>,
     let Some(file) = first.into_iter().chain(others).next() else {
         return Ok(None);
     };
-    let points = match file.extension().is_some_and(|extension| extension == "bin") {
-        true => files::parse(&file, colmap_binary::points)?,
-        false => files::parse_text(&file, colmap_text::points)?,
+    let points = if file.extension().is_some_and(|extension| extension == "bin") {
+        files::parse(&file, colmap_binary::points)?
+    } else {
+        files::parse_text(&file, colmap_text::points)?
     };
     Ok(Some((file, points)))
 }

@@ -56,9 +56,10 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
         .map(|b| read([b[0], b[1], b[2], b[3]]))
         .collect();
     if is_byte_swapped(&stored) {
-        let (said, other) = match scale < 0.0 {
-            true => ("little", "big"),
-            false => ("big", "little"),
+        let (said, other) = if scale < 0.0 {
+            ("little", "big")
+        } else {
+            ("big", "little")
         };
         return Err(invalid!(
             "its scale {scale} says that it is {said}-endian, but its values are sensible only as {other}-endian; write \

@@ -49,9 +49,10 @@ pub(super) fn srgb_level(linear: f64) -> u8 {
     });
     let x = linear.clamp(0.0, 1.0);
     let cell = ((x * CELLS as f64) as usize).min(CELLS - 1);
-    match ENDS[cell] == ENDS[cell + 1] {
-        true => ENDS[cell],
-        false => computed_level(x),
+    if ENDS[cell] == ENDS[cell + 1] {
+        ENDS[cell]
+    } else {
+        computed_level(x)
     }
 }
 

@@ -173,11 +173,10 @@ impl Light {
         let to_sun = (beside.normalize_or(DVec3::X) - DVec3::Y * height).normalize();
         // A low sun is warm and makes shadows blue.
         let warm = 0.5 / (height + 0.5);
-        let sun = match overcast {
-            true => DVec3::ZERO,
-            false => {
-                DVec3::new(1.0, 1.0 - 0.35 * warm, 1.0 - 0.7 * warm) * random.between(0.5, 1.5)
-            }
+        let sun = if overcast {
+            DVec3::ZERO
+        } else {
+            DVec3::new(1.0, 1.0 - 0.35 * warm, 1.0 - 0.7 * warm) * random.between(0.5, 1.5)
         };
         let high = DVec3::new(0.85, 0.95, 1.1) * random.between(0.25, 0.55);
         let low = DVec3::new(1.0, 0.95, 0.9) * high * random.between(0.25, 0.7);
@@ -301,9 +300,10 @@ mod tests {
         for seed in 0..30 {
             let light = Light::outdoors(&mut SplitMix64::new(seed)).lit_by_sky();
             let at_sun = light.sky.radiance(light.to_sun * 3.0);
-            match light.sun == DVec3::ZERO {
-                true => overcast += u32::from(at_sun.max_element() < 1.5),
-                false => sunny += u32::from(at_sun.min_element() > 2.0),
+            if light.sun == DVec3::ZERO {
+                overcast += u32::from(at_sun.max_element() < 1.5)
+            } else {
+                sunny += u32::from(at_sun.min_element() > 2.0)
             }
             let ground = light.sky.radiance(DVec3::Y);
             assert!(ground.max_element() < light.ambient[1].max_element() + light.sun.x);

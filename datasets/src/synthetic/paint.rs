@@ -100,9 +100,10 @@ impl Paint {
             _ => (1.0, 0.0),
         };
         let rough = matches!(tone, Tone::Earth | Tone::Leaf);
-        let grain = match rough {
-            true => random.between(0.4, 0.9),
-            false => random.between(0.0, 0.75) * random.between(0.1, 1.0),
+        let grain = if rough {
+            random.between(0.4, 0.9)
+        } else {
+            random.between(0.0, 0.75) * random.between(0.1, 1.0)
         };
         Self {
             seed: random.next_u64(),
@@ -154,9 +155,10 @@ impl Paint {
         // A pattern with less than two pixels per element fades to its mean.
         let keep = (0.6 / size - 0.6).clamp(0.0, 1.0);
         let mean = self.mean();
-        let choice = match keep > 0.0 {
-            true => mean + (self.pattern_at(u, v, size) - mean) * keep,
-            false => mean,
+        let choice = if keep > 0.0 {
+            mean + (self.pattern_at(u, v, size) - mean) * keep
+        } else {
+            mean
         };
         let base = self.colors[0] + (self.colors[1] - self.colors[0]) * choice;
         let (strength, fineness) = self.grain;

@@ -137,9 +137,10 @@ impl SurfaceShape {
                     return None;
                 }
                 let root = discriminant.sqrt();
-                let column = match a > 0.0 {
-                    true => ((-b - root) / a, (-b + root) / a),
-                    false => (f64::NEG_INFINITY, f64::INFINITY),
+                let column = if a > 0.0 {
+                    ((-b - root) / a, (-b + root) / a)
+                } else {
+                    (f64::NEG_INFINITY, f64::INFINITY)
                 };
                 let (p, q) = ((-half - o.y) / d.y, (half - o.y) / d.y);
                 let slab = if p < q { (p, q) } else { (q, p) };
@@ -151,9 +152,10 @@ impl SurfaceShape {
                 let point = o + d * enter;
                 Some(Meeting {
                     distance: enter,
-                    normal: match curved {
-                        true => *axes * DVec3::new(point.x / radius, 0.0, point.z / radius),
-                        false => axes.y_axis * -d.y.signum(),
+                    normal: if curved {
+                        *axes * DVec3::new(point.x / radius, 0.0, point.z / radius)
+                    } else {
+                        axes.y_axis * -d.y.signum()
                     },
                     local: point,
                     across: if curved { 3 } else { 1 },

@@ -36,15 +36,14 @@ impl SweepKind {
     pub(super) fn of(spec: &DatasetSpec) -> Result<Option<Self>, DatasetError> {
         let text = spec.setting("step");
         let wrong = |reason: &str| spec.refused(format!("'step' cannot be '{text}': {reason}"));
-        let given = match text == "auto" {
-            true => None,
-            false => {
-                let step: Option<f64> = text
-                    .parse()
-                    .ok()
-                    .filter(|s: &f64| s.is_finite() && *s > 0.0);
-                Some(step.ok_or_else(|| wrong("it must be a number above zero"))?)
-            }
+        let given = if text == "auto" {
+            None
+        } else {
+            let step: Option<f64> = text
+                .parse()
+                .ok()
+                .filter(|s: &f64| s.is_finite() && *s > 0.0);
+            Some(step.ok_or_else(|| wrong("it must be a number above zero"))?)
         };
         Ok(Some(match spec.setting("sweep") {
             "translation" => Self::TranslationM(given.unwrap_or(0.05)),

@@ -291,9 +291,10 @@ impl World {
                 let facing = (meeting.normal.dot(direction).abs() / direction.length()).max(0.1);
                 let footprint_m = meeting.distance * size / facing.sqrt();
                 let albedo = paint.color(meeting, footprint_m);
-                match paint.glow > 0.0 {
-                    true => albedo * paint.glow,
-                    false => self.reflected(object, albedo, meeting.normal, point),
+                if paint.glow > 0.0 {
+                    albedo * paint.glow
+                } else {
+                    self.reflected(object, albedo, meeting.normal, point)
                 }
             }
             Surface::Layered(finish) => {

@@ -155,9 +155,10 @@ pub(super) fn memory(
     let mut fresh = strip;
     for (layer, size) in network.layers.iter().zip(sizes.windows(2)) {
         let (input, output) = (size[0], size[1]);
-        let waits = match layer.pools {
-            true => 1,
-            false => batch(output.width, strip),
+        let waits = if layer.pools {
+            1
+        } else {
+            batch(output.width, strip)
         };
         // Evaluated in the middle of the picture, where no window is clipped.
         let middle = output.height / 2 / TILE * TILE;

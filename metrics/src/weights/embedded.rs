@@ -85,9 +85,10 @@ impl Embedded {
     /// Values of a tensor; rejects negative ones, which could make a distance negative.
     fn not_negative(&self, name: &str, count: usize) -> Result<Vec<f32>, WeightsError> {
         let values = self.values(name, count)?;
-        match values.iter().all(|value| *value >= 0.0) {
-            true => Ok(values),
-            false => Err(self.damaged(format!("{name} has a negative weight"))),
+        if values.iter().all(|value| *value >= 0.0) {
+            Ok(values)
+        } else {
+            Err(self.damaged(format!("{name} has a negative weight")))
         }
     }
 

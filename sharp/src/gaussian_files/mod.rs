@@ -139,12 +139,13 @@ fn unfold(stream: impl Read, expected: usize, packed: usize) -> Result<Vec<u8>, 
         .take(expected as u64)
         .read_to_end(&mut bytes)
         .map_err(|error| unfolding(&error))?;
-    match bytes.len() == expected {
-        true => Ok(bytes),
-        false => Err(format!(
+    if bytes.len() == expected {
+        Ok(bytes)
+    } else {
+        Err(format!(
             "it ends after {} of {expected} bytes (truncated?)",
             bytes.len()
-        )),
+        ))
     }
 }
 

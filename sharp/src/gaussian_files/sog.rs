@@ -94,9 +94,10 @@ impl Sog {
                 return Err(damaged(what));
             }
         };
-        let count = match is_first {
-            true => &meta["means"]["shape"][0],
-            false => &meta["count"],
+        let count = if is_first {
+            &meta["means"]["shape"][0]
+        } else {
+            &meta["count"]
         };
         let count = count.as_u64().and_then(|count| usize::try_from(count).ok());
         let count =
@@ -112,9 +113,10 @@ impl Sog {
         let means = Range::of(&meta["means"]).ok_or_else(|| missing("means"))?;
         let scale = Levels::of(&meta["scales"], is_first).ok_or_else(|| missing("scales"))?;
         let color = Levels::of(&meta["sh0"], is_first).ok_or_else(|| missing("sh0"))?;
-        let opacity = match is_first {
-            true => StoredOpacity::Logit,
-            false => StoredOpacity::Byte,
+        let opacity = if is_first {
+            StoredOpacity::Logit
+        } else {
+            StoredOpacity::Byte
         };
         let mut out = Decoded {
             form: StoredForm {
@@ -140,9 +142,10 @@ impl Sog {
                 .colors
                 .push([0, 1, 2].map(|axis| color.at(axis, colors.at(k)[axis])));
             let alpha = colors.at(k)[3];
-            stored.opacities.push(match is_first {
-                true => color.at(3, alpha),
-                false => alpha.into(),
+            stored.opacities.push(if is_first {
+                color.at(3, alpha)
+            } else {
+                alpha.into()
             });
             stored.quaternions.push(rotation_of(turns.at(k)));
         }

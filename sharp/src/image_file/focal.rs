@@ -127,9 +127,10 @@ fn stated_size(exif: &Exif, (width, height): (f64, f64)) -> Option<(f64, f64)> {
         (Some(x), None) => (x, x * width.min(height) / width.max(height)),
         _ => return None,
     };
-    Some(match (x >= y) == (width >= height) {
-        true => (x, y),
-        false => (y, x),
+    Some(if (x >= y) == (width >= height) {
+        (x, y)
+    } else {
+        (y, x)
     })
 }
 
@@ -198,9 +199,10 @@ fn unknown_sensor(source: FocalSource, px: f64) -> Option<String> {
     let FocalSource::Lens(mm) = source else {
         return None;
     };
-    let assumed = match mm < PHONE_MM {
-        true => "a phone's sensor, whose 35 mm equivalent is 8.4 times as long",
-        false => "a sensor of the size of 35 mm film",
+    let assumed = if mm < PHONE_MM {
+        "a phone's sensor, whose 35 mm equivalent is 8.4 times as long"
+    } else {
+        "a sensor of the size of 35 mm film"
     };
     Some(format!(
         "the file states a {mm} mm lens, but not the size of its sensor: {px:.2} px assumes {assumed}; set the focal \

@@ -70,12 +70,13 @@ pub(super) fn check_complete(bytes: &[u8], format: ImageFormat) -> Result<(), Im
         // TIFF strips can be anywhere in the file; the decoder detects missing ones.
         _ => 0,
     };
-    match needed <= bytes.len() {
-        true => Ok(()),
-        false => Err(ImageFileError::Damaged(format!(
+    if needed <= bytes.len() {
+        Ok(())
+    } else {
+        Err(ImageFileError::Damaged(format!(
             "the file has only {} of {needed} bytes (truncated?)",
             bytes.len()
-        ))),
+        )))
     }
 }
 

@@ -139,14 +139,15 @@ impl Picture {
         let mut notes = Vec::new();
         let orientation = self.header.orientation;
         if orientation != 1 {
-            notes.push(match self.turned {
-                true => format!(
+            notes.push(if self.turned {
+format!(
                     "turned upright by its EXIF orientation {orientation} (orientation=stored leaves it)"
-                ),
-                false => format!(
+                )
+} else {
+format!(
                     "its EXIF orientation {orientation} is not applied (orientation=upright turns it)"
-                ),
-            });
+                )
+});
         }
         if let (Some(ignored), ColorRule::Convert) = (self.header.profile.ignored(), rules.color) {
             notes.push(format!("it has {ignored}"));

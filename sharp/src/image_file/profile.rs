@@ -75,9 +75,10 @@ impl Profile {
             _ => return other(&name, "it is neither RGB nor grey"),
         };
         let [Some(r), Some(g), Some(b)] = curves.map(|curve| curve.as_ref()) else {
-            return match name.starts_with("sRGB") {
-                true => Self::Srgb,
-                false => other(&name, "it is a table of colours"),
+            return if name.starts_with("sRGB") {
+                Self::Srgb
+            } else {
+                other(&name, "it is a table of colours")
             };
         };
         let matrix = match profile.color_space {
@@ -138,9 +139,10 @@ impl Profile {
             let reason = "its primaries do not define a colour space";
             return Self::Other { name, reason };
         }
-        match to_srgb.difference() <= SRGB_LEVELS {
-            true => Self::Srgb,
-            false => Self::Matrix { name, to_srgb },
+        if to_srgb.difference() <= SRGB_LEVELS {
+            Self::Srgb
+        } else {
+            Self::Matrix { name, to_srgb }
         }
     }
 }
@@ -182,9 +184,10 @@ fn value(curve: &ToneReprCurve, x: f64) -> Option<f64> {
                 [g, a, b, c, d, e, f] => [g, a, b, c, d, e, f],
                 _ => return None,
             };
-            match x < d {
-                true => c * x + f,
-                false => (a * x + b).max(0.0).powf(g) + e,
+            if x < d {
+                c * x + f
+            } else {
+                (a * x + b).max(0.0).powf(g) + e
             }
         }
     };
@@ -207,9 +210,10 @@ fn description(profile: &ColorProfile) -> Option<String> {
 /// sRGB-encoded value of linear light, clipped to 0..1.
 fn encoded(linear: f64) -> f64 {
     let linear = linear.clamp(0.0, 1.0);
-    match linear <= 0.003_130_8 {
-        true => 12.92 * linear,
-        false => 1.055 * linear.powf(1.0 / 2.4) - 0.055,
+    if linear <= 0.003_130_8 {
+        12.92 * linear
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
     }
 }
 

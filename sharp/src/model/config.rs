@@ -188,9 +188,10 @@ impl ModelConfig {
         let Ok(serde_json::Value::Object(entries)) = serde_json::from_str(&text) else {
             return Vec::new();
         };
-        let names: Vec<Option<&str>> = match entries.contains_key("vit") {
-            true => vec![None],
-            false => entries.keys().map(|name| Some(name.as_str())).collect(),
+        let names: Vec<Option<&str>> = if entries.contains_key("vit") {
+            vec![None]
+        } else {
+            entries.keys().map(|name| Some(name.as_str())).collect()
         };
         let read = |name: Option<&str>| {
             let config = Self::parse(&text, name).ok()?;

@@ -106,9 +106,10 @@ impl WeightSource for DepthProSource {
             return self.0.values(name, shape);
         };
         let values = self.0.values(own, shape)?;
-        Ok(match own.starts_with("head.4.") {
-            true => values.repeat(LAYERS),
-            false => values,
+        Ok(if own.starts_with("head.4.") {
+            values.repeat(LAYERS)
+        } else {
+            values
         })
     }
 }
@@ -211,11 +212,12 @@ impl DepthPro {
         for value in &mut depth {
             *value = 1.0 / value.clamp(MIN_DISPARITY, MAX_DISPARITY);
         }
-        match depth.iter().any(|z| z.is_nan()) {
-            true => Err(ModelError::Image(
+        if depth.iter().any(|z| z.is_nan()) {
+            Err(ModelError::Image(
                 "the predicted depth is not finite: the checkpoint's weights are broken".into(),
-            )),
-            false => Ok(MetricDepth { depth, focal_px }),
+            ))
+        } else {
+            Ok(MetricDepth { depth, focal_px })
         }
     }
 }

@@ -105,9 +105,10 @@ impl SimpleBackend for Weights {
         }
         let values = self.read(name, &shape)?;
         let trains = (self.trains)(name);
-        let tensor = match trains {
-            true => Var::from_vec(values, shape, device)?.into_inner(),
-            false => Tensor::from_vec(values, shape, device)?,
+        let tensor = if trains {
+            Var::from_vec(values, shape, device)?.into_inner()
+        } else {
+            Tensor::from_vec(values, shape, device)?
         };
         if trains || !device.is_cpu() {
             self.held().insert(name.to_owned(), tensor.clone());
@@ -192,9 +193,10 @@ impl<'a> Params<'a> {
 
     fn declare(&self, name: &str, shape: &[usize], used: bool) {
         let module = self.module.prefix();
-        let name = match module.is_empty() {
-            true => name.to_owned(),
-            false => format!("{module}.{name}"),
+        let name = if module.is_empty() {
+            name.to_owned()
+        } else {
+            format!("{module}.{name}")
         };
         self.list.borrow_mut().push(Parameter {
             name,

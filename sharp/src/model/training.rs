@@ -172,31 +172,29 @@ impl TrainableNetwork {
         let normalized = NormalizedDepth::new(&depth, InvalidDepth::Refuse)?;
         let base = BaseGaussians::from_normalized(&image, &normalized, grid)?;
 
-        let (deltas, deltas_graph) = match input.depth_only {
-            true => (
+        let (deltas, deltas_graph) = if input.depth_only {
+            (
                 vec![0.0; DELTA_CHANNELS.iter().sum::<usize>() * grid.blocks()],
                 None,
-            ),
-            false => {
-                let planes = normalized.feature_input(&image);
-                let shape = (3 + LAYERS, side, side);
-                let seen = from_planes(&planes, shape, &self.compute.device)?;
-                let seen = Var::from_tensor(&seen)?.into_inner();
-                let [f0, f1, f2, f3, f4] = out.features.each_ref().map(leaf);
-                let features = [f0?, f1?, f2?, f3?, f4?];
-                let decoded =
-                    network
-                        .feature_model
-                        .forward(features.clone(), &seen, &mut Silent)?;
-                let deltas = network.prediction_head.forward(decoded)?;
-                let values = [to_planes(&deltas[0])?, to_planes(&deltas[1])?].concat();
-                let graph = DeltasGraph {
-                    features,
-                    seen,
-                    deltas,
-                };
-                (values, Some(graph))
-            }
+            )
+        } else {
+            let planes = normalized.feature_input(&image);
+            let shape = (3 + LAYERS, side, side);
+            let seen = from_planes(&planes, shape, &self.compute.device)?;
+            let seen = Var::from_tensor(&seen)?.into_inner();
+            let [f0, f1, f2, f3, f4] = out.features.each_ref().map(leaf);
+            let features = [f0?, f1?, f2?, f3?, f4?];
+            let decoded = network
+                .feature_model
+                .forward(features.clone(), &seen, &mut Silent)?;
+            let deltas = network.prediction_head.forward(decoded)?;
+            let values = [to_planes(&deltas[0])?, to_planes(&deltas[1])?].concat();
+            let graph = DeltasGraph {
+                features,
+                seen,
+                deltas,
+            };
+            (values, Some(graph))
         };
         let gaussians = compose(&base, Some(&deltas))?;
         Ok(TrainingPass {
@@ -261,9 +259,10 @@ impl TrainableNetwork {
 
 /// Starts a new graph at `tensor`. If `tensor` is tracked, the result is a variable, which receives the gradient.
 fn leaf(tensor: &Tensor) -> candle_core::Result<Tensor> {
-    Ok(match tensor.track_op() {
-        true => Var::from_tensor(tensor)?.into_inner(),
-        false => tensor.clone(),
+    Ok(if tensor.track_op() {
+        Var::from_tensor(tensor)?.into_inner()
+    } else {
+        tensor.clone()
     })
 }
 

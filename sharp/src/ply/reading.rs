@@ -304,9 +304,10 @@ impl StoredForm {
         };
         if power > 0.0 {
             for scale in gaussians.scales.as_flattened_mut() {
-                *scale = match to_stored {
-                    true => scale.ln() * power as f32,
-                    false => (f64::from(*scale) / power).exp() as f32,
+                *scale = if to_stored {
+                    scale.ln() * power as f32
+                } else {
+                    (f64::from(*scale) / power).exp() as f32
                 };
             }
         }
@@ -346,9 +347,12 @@ impl StoredForm {
             if self.channels == Some(StoredChannels::Bgr) {
                 color.reverse();
             }
-            *color = color.map(|value| match to_stored {
-                true => form(space(value)),
-                false => space(form(value)),
+            *color = color.map(|value| {
+                if to_stored {
+                    form(space(value))
+                } else {
+                    space(form(value))
+                }
             });
         }
         if self.harmonics == Some(Harmonics::Interleaved) {

@@ -235,9 +235,10 @@ impl Range {
     fn is_logarithm(&self) -> bool {
         let is_constant = self.least == self.most;
         self.most <= 0.0
-            && match is_constant {
-                true => is_round(self.most.exp()) && !is_round(logistic(self.most)),
-                false => self.high > NEARLY_OPAQUE && self.median > MOSTLY_OPAQUE,
+            && if is_constant {
+                is_round(self.most.exp()) && !is_round(logistic(self.most))
+            } else {
+                self.high > NEARLY_OPAQUE && self.median > MOSTLY_OPAQUE
             }
     }
 }

@@ -113,9 +113,10 @@ impl WeightSource for Untrained {
         }
         let transposed = shape[2..] == [2, 2] && contains(&["deconv", "upsample", "head.1."]);
         // In a transposed convolution, each output pixel depends on one weight per input channel.
-        let fan_in = match transposed {
-            true => shape[0],
-            false => shape[1..].iter().product(),
+        let fan_in = if transposed {
+            shape[0]
+        } else {
+            shape[1..].iter().product()
         };
         let rectified = contains(&[
             ".residual.",
@@ -123,10 +124,12 @@ impl WeightSource for Untrained {
             "geometry_head.3.",
             ".head.4.",
         ]);
-        let gain = match ends(&["out_conv.weight"]) {
-            true => 0.5,
-            false if rectified => 2.0,
-            false => 1.0,
+        let gain = if ends(&["out_conv.weight"]) {
+            0.5
+        } else if rectified {
+            2.0
+        } else {
+            1.0
         };
         let mut deviation = (gain / fan_in as f64).sqrt();
         if ends(&["residual.3.weight", "residual.5.weight"]) {
@@ -165,9 +168,10 @@ impl WeightSource for Pretrained {
     fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
         let values = self.0.values(name, shape)?;
         let len: usize = shape.iter().product();
-        match values.len() == len {
-            true => Ok(values),
-            false => Ok(resample_positions(&values, shape[1], shape[2])),
+        if values.len() == len {
+            Ok(values)
+        } else {
+            Ok(resample_positions(&values, shape[1], shape[2]))
         }
     }
 }

@@ -157,12 +157,13 @@ impl Rows {
     /// Fails if rows up to `after` are missing, because they cannot be recomputed. A stage that has
     /// not started needs no rows.
     fn reaching(self, after: Position) -> Result<Self, LogError> {
-        match after.step == 0 || self.last == after {
-            true => Ok(self),
-            false => Err(self.other(format!(
+        if after.step == 0 || self.last == after {
+            Ok(self)
+        } else {
+            Err(self.other(format!(
                 "rows are missing: the log ends at {}, before {after}",
                 self.last
-            ))),
+            )))
         }
     }
 

@@ -70,9 +70,10 @@ impl Objective {
         options: LossOptions,
         compute: Compute,
     ) -> Result<Self, PerceptualError> {
-        let perceptual = match weights.percep > 0.0 {
-            true => Some(Perceptual::new(options.percep.clone(), compute)?),
-            false => None,
+        let perceptual = if weights.percep > 0.0 {
+            Some(Perceptual::new(options.percep.clone(), compute)?)
+        } else {
+            None
         };
         Ok(Self {
             weights,

@@ -257,9 +257,10 @@ impl Trainer {
         let mut sum = StepSum::default();
         let batch = settings.batch as u64;
         let indices: Vec<u64> = ((position.step - 1) * batch..position.step * batch).collect();
-        let at_once = match self.network.recomputes() {
-            true => 1,
-            false => EXAMPLES_AT_ONCE,
+        let at_once = if self.network.recomputes() {
+            1
+        } else {
+            EXAMPLES_AT_ONCE
         };
         for indices in indices.chunks(at_once) {
             let mut examples = Vec::new();

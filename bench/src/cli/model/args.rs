@@ -63,9 +63,10 @@ impl ModelArgs {
         NetworkSpec {
             allow_unused: self.allow_unused.clone(),
             device: self.device,
-            convolution: match self.exact {
-                true => Algorithm::Direct,
-                false => Algorithm::Winograd,
+            convolution: if self.exact {
+                Algorithm::Direct
+            } else {
+                Algorithm::Winograd
             },
             ..network
         }

@@ -82,9 +82,10 @@ fn predict_one(
     }
     let seconds = started.elapsed().as_secs_f64();
     if !args.json {
-        let focal = match is_focal_estimated {
-            true => format!("{:.2} px (estimated)", predicted.focal_px),
-            false => focal_text(&photo),
+        let focal = if is_focal_estimated {
+            format!("{:.2} px (estimated)", predicted.focal_px)
+        } else {
+            focal_text(&photo)
         };
         output::line(format!(
             "{}  {}x{}, focal length {focal}, {seconds:.1} s",

@@ -113,15 +113,19 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                 .marks,
             );
             if states.rule != made_for.rule && (states.is_stated || made_for.is_stated) {
-                let says = |rule: &MarkedRule| match rule.is_stated {
-                    true => format!("states the rule {}", rule.rule),
-                    false => "states no rule".to_owned(),
+                let says = |rule: &MarkedRule| {
+                    if rule.is_stated {
+                        format!("states the rule {}", rule.rule)
+                    } else {
+                        "states no rule".to_owned()
+                    }
                 };
                 // SHARP's rule blends linear light, but the new file cannot state that its colours are encoded, so the
                 // user must.
-                let colors = match made_for.rule == Rule::SHARP {
-                    true => ",color_space=srgb",
-                    false => "",
+                let colors = if made_for.rule == Rule::SHARP {
+                    ",color_space=srgb"
+                } else {
+                    ""
                 };
                 output::remark(format!(
                     "note: {} {}, but {} {}; rendering={}{colors} renders the new file like the old one",
@@ -263,9 +267,10 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
     text += &format!("quaternion zero  {zero_quaternions} (dropped too)\n");
     text += &format!("opacity < 1/255  {below_visibility} (never visible)\n");
     let space = color_space.as_deref();
-    let view = match scene.is_view_dependent {
-        true => "depend on the view",
-        false => "equal from all sides",
+    let view = if scene.is_view_dependent {
+        "depend on the view"
+    } else {
+        "equal from all sides"
     };
     text += &format!(
         "colours          {}, degree {color_degree}, {view}\n",
@@ -300,9 +305,10 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
             text += &format!("{name:<12}{numbers}\n{:<12}  {}\n", "", bars(histogram));
         }
     }
-    let verdict = match implausible.is_empty() {
-        true => "plausible as the camera's space, OpenCV axes, metres".to_owned(),
-        false => implausible.join("; "),
+    let verdict = if implausible.is_empty() {
+        "plausible as the camera's space, OpenCV axes, metres".to_owned()
+    } else {
+        implausible.join("; ")
     };
     text += &format!("space        {verdict}\n");
     for doubt in &doubts {

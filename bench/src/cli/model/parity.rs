@@ -236,9 +236,10 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         bail!("{}: {}", path.display(), counted.join(", "));
     }
     if !beyond.is_empty() {
-        let explained = match settings.is_empty() {
-            true => String::new(),
-            false => format!("; `{settings}` explains most of it"),
+        let explained = if settings.is_empty() {
+            String::new()
+        } else {
+            format!("; `{settings}` explains most of it")
         };
         bail!(
             "{}: differs by more than {tolerance} at the 99th percentile ({}){explained}",
@@ -282,10 +283,7 @@ fn of_stages(args: &ParityArgs, golden: &Path, image: &Path) -> anyhow::Result<O
                 values,
                 ..
             } = found;
-            let mark = match *rel_error <= tolerance {
-                true => ' ',
-                false => '!',
-            };
+            let mark = if *rel_error <= tolerance { ' ' } else { '!' };
             let note = found.note.as_deref().unwrap_or_default();
             format!("{mark} {stage:<36} {rel_error:>10.2e}  {values:>9} values {note}\n")
         });

@@ -228,9 +228,10 @@ fn forward(
 ) -> anyhow::Result<NetworkOutput> {
     let style = ProgressStyle::with_template("{msg:20} {bar:32} {percent:>3} %  {elapsed}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
-    let bar = match output::is_quiet() {
-        true => ProgressBar::hidden(),
-        false => ProgressBar::new(1000),
+    let bar = if output::is_quiet() {
+        ProgressBar::hidden()
+    } else {
+        ProgressBar::new(1000)
     };
     let bar = bar.with_style(style);
     let mut progress = StageProgress::new(predictor.config().vit.depth, |part, done: f64| {

@@ -107,9 +107,10 @@ fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyh
 /// Finds or fetches a release and compares it with its record.
 fn published(args: &FetchArgs, release: &Release, cache: &Path) -> anyhow::Result<Value> {
     let is_sharp = matches!(release.network, ReleasedNetwork::Sharp(_));
-    let found = match is_sharp {
-        true => find_checkpoint().ok(),
-        false => find_resnet(),
+    let found = if is_sharp {
+        find_checkpoint().ok()
+    } else {
+        find_resnet()
     };
     let (file, standing) = match found {
         Some(file) => {
@@ -147,9 +148,10 @@ fn transfer(
     cache: &Path,
 ) -> anyhow::Result<(std::path::PathBuf, Standing)> {
     let is_sharp = matches!(release.network, ReleasedNetwork::Sharp(_));
-    let option = match is_sharp {
-        true => "--checkpoint FILE",
-        false => "`loss_options.percep.resnet50dilated` of the training's configuration",
+    let option = if is_sharp {
+        "--checkpoint FILE"
+    } else {
+        "`loss_options.percep.resnet50dilated` of the training's configuration"
     };
     let by_hand = format!(
         "download {} yourself and save it as {}, or give it with {option}",

@@ -202,9 +202,12 @@ mod tests {
         // Waves below a plain sky.
         let (width, height) = (64, 48);
         let photograph = |sky: u32| {
-            RgbImage::from_fn(width, height, |x, y| match y < sky {
-                true => image::Rgb([200, 200 + (x % 2) as u8, 220]),
-                false => image::Rgb([(128.0 + 60.0 * (f64::from(x + y)).sin()) as u8; 3]),
+            RgbImage::from_fn(width, height, |x, y| {
+                if y < sky {
+                    image::Rgb([200, 200 + (x % 2) as u8, 220])
+                } else {
+                    image::Rgb([(128.0 + 60.0 * (f64::from(x + y)).sin()) as u8; 3])
+                }
             })
         };
         let share = |sky: u32, covered: &dyn Fn(u32, u32) -> bool| {

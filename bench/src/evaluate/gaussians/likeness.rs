@@ -113,9 +113,10 @@ impl Sums {
     fn residual(self) -> f64 {
         let covariance = self.pr - self.p * self.r / self.n;
         let of_rendering = self.rr - self.r * self.r / self.n;
-        let explained = match of_rendering > 1e-6 * self.n {
-            true => covariance * covariance / of_rendering,
-            false => 0.0,
+        let explained = if of_rendering > 1e-6 * self.n {
+            covariance * covariance / of_rendering
+        } else {
+            0.0
         };
         (self.variance() - explained).max(0.0)
     }

@@ -46,16 +46,17 @@ pub(super) struct OtherView<'a> {
 impl OtherView<'_> {
     pub(super) fn sentence(&self, shown: &str) -> String {
         let (id, db) = (&self.view.id, self.fit.psnr());
-        match self.is_frame {
-            true => format!(
+        if self.is_frame {
+            format!(
                 "{shown}; with their means read as in the camera of {id}, they reach {db:.2} dB; either write means \
                  in the space of the source's own camera, or set `space=target` if each pair has a file in its target's \
                  camera"
-            ),
-            false => format!(
+            )
+        } else {
+            format!(
                 "{shown}, and that of {id} at {db:.2} dB; perhaps they were predicted from {id}, or files are named after \
                  the wrong views; name each file after the view that it was predicted from"
-            ),
+            )
         }
     }
 }

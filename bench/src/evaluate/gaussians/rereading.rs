@@ -354,9 +354,10 @@ impl Trial<'_> {
                 // The source alone decides between two forms of colours: in other views, wrong geometry causes blur,
                 // which paler colours hide.
                 let is_closest = chosen.as_ref().is_none_or(|(other, its_fit, its_all)| {
-                    match recolors && other.stored.colors != before.stored.colors {
-                        true => fit.error() < its_fit.error(),
-                        false => all.error() < its_all.error(),
+                    if recolors && other.stored.colors != before.stored.colors {
+                        fit.error() < its_fit.error()
+                    } else {
+                        all.error() < its_all.error()
                     }
                 });
                 // Wrongly rotated Gaussians are seen more edge-on, which sharpens a rendering whose Gaussians are too
@@ -447,9 +448,10 @@ pub(in crate::evaluate) struct Moves {
 /// `transform=`, shifted placements, and other focal lengths.
 fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement> {
     let mut all = Vec::new();
-    let axes: Vec<Axes> = match is_lost {
-        true => Axes::every().collect(),
-        false => AXES.into_iter().filter_map(Axes::parse).collect(),
+    let axes: Vec<Axes> = if is_lost {
+        Axes::every().collect()
+    } else {
+        AXES.into_iter().filter_map(Axes::parse).collect()
     };
     for space in [FileSpace::Camera, FileSpace::World] {
         all.extend(axes.iter().map(|axes| Placement {

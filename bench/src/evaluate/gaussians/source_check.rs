@@ -297,20 +297,22 @@ impl<'a> Findings<'a> {
             }
         }
         let other = other_view(prediction, reading, trial, elsewhere, &compared, &shown)?;
-        let (turned, inverse) = match is_right {
-            true => (None, None),
-            false => (
+        let (turned, inverse) = if is_right {
+            (None, None)
+        } else {
+            (
                 trial.other_turn(gaussians, reading, &compared)?,
                 trial.fit_with_inverse_pose(gaussians, reading, &compared)?,
-            ),
+            )
         };
         let missing = match seen.missing.filter(|_| better.is_none() && other.is_none()) {
             Some(_) if trial.is_whole_elsewhere(gaussians, reading, elsewhere)? => None,
             missing => missing,
         };
-        let of_part = match (region.width, region.height) == photograph.dimensions() {
-            true => String::new(),
-            false => format!("{}x{} pixels of ", region.width, region.height),
+        let of_part = if (region.width, region.height) == photograph.dimensions() {
+            String::new()
+        } else {
+            format!("{}x{} pixels of ", region.width, region.height)
         };
         let shown = format!(
             "its Gaussians show {of_part}the photograph they were predicted from at {:.2} dB PSNR ({})",
@@ -393,12 +395,13 @@ impl<'a> Findings<'a> {
                 // Another order of quaternions turns Gaussians at random, which also covers holes.
                 let may_cover = matches!(changes[..], [("quaternions", _)])
                     && fit.psnr() < self.compared.psnr() + WEAK_DB;
-                let holes = match may_cover && self.holes >= MIN_HOLES {
-                    true => format!(
+                let holes = if may_cover && self.holes >= MIN_HOLES {
+                    format!(
                         " and leave {:.0} % of its pixels empty (perhaps Gaussians were removed)",
                         100.0 * self.holes
-                    ),
-                    false => String::new(),
+                    )
+                } else {
+                    String::new()
                 };
                 let text = format!(
                     "{shown}{holes}; with {named}, they reach {:.2} dB",
@@ -429,9 +432,10 @@ impl<'a> Findings<'a> {
             _ if self.holes < MIN_HOLES
                 && let Some((contrast, fitted)) = self.as_read.contrast() =>
             {
-                let cause = match SQUARED_CONSTANT.contains(&contrast) {
-                    true => "perhaps `f_dc` was multiplied by 0.282 instead of divided",
-                    false => "perhaps colours were stored in another form",
+                let cause = if SQUARED_CONSTANT.contains(&contrast) {
+                    "perhaps `f_dc` was multiplied by 0.282 instead of divided"
+                } else {
+                    "perhaps colours were stored in another form"
                 };
                 let text = format!(
                     "{shown}, with {} times the photograph's contrast; with brightness and contrast corrected, they show \

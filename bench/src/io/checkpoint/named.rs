@@ -170,9 +170,12 @@ fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     let of_file = |path: &Path| {
         let file = path.file_name().unwrap_or_default().to_string_lossy();
         let configs = ModelConfig::all_of(path).into_iter();
-        let named = configs.map(|(name, config)| match name.is_empty() {
-            true => (file.to_string(), config),
-            false => (format!("{file}#{name}"), config),
+        let named = configs.map(|(name, config)| {
+            if name.is_empty() {
+                (file.to_string(), config)
+            } else {
+                (format!("{file}#{name}"), config)
+            }
         });
         named.collect::<Vec<_>>()
     };
@@ -202,12 +205,13 @@ pub fn bundled_weights() -> Result<PathBuf, NetworkError> {
         return Err(NetworkError::NotBundled { searched });
     };
     let sha256 = file_sha256(path)?;
-    match sha256 == bundled::weights_sha256() {
-        true => Ok(path.clone()),
-        false => Err(NetworkError::OtherWeights {
+    if sha256 == bundled::weights_sha256() {
+        Ok(path.clone())
+    } else {
+        Err(NetworkError::OtherWeights {
             path: path.clone(),
             sha256,
-        }),
+        })
     }
 }
 

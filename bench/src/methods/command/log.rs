@@ -40,9 +40,10 @@ impl ProgramLog {
     pub(super) fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.file.write_all(bytes)?;
         self.len += bytes.len() as u64;
-        match self.len > LONGEST {
-            true => self.leave_out_the_middle(),
-            false => Ok(()),
+        if self.len > LONGEST {
+            self.leave_out_the_middle()
+        } else {
+            Ok(())
         }
     }
 

@@ -269,9 +269,10 @@ fn matching(pattern: &str) -> Result<Vec<PathBuf>, String> {
             }
         }
     }
-    match found.is_empty() {
-        true => Err(format!("files={pattern}: no file matches")),
-        false => Ok(found),
+    if found.is_empty() {
+        Err(format!("files={pattern}: no file matches"))
+    } else {
+        Ok(found)
     }
 }
 

@@ -113,12 +113,13 @@ impl<'de> Deserialize<'de> for Index {
 fn checked_key(key: &str) -> Result<&str, String> {
     let is_absolute = key.starts_with(['/', '\\']) || key.get(1..2) == Some(":");
     let leads_out = key.split(['/', '\\']).any(|part| part == "..");
-    match key.is_empty() || is_absolute || leads_out || key.chars().any(char::is_control) {
-        true => Err(format!(
+    if key.is_empty() || is_absolute || leads_out || key.chars().any(char::is_control) {
+        Err(format!(
             "'{}' is not the name of a scene",
             key.escape_debug()
-        )),
-        false => Ok(key),
+        ))
+    } else {
+        Ok(key)
     }
 }
 
@@ -169,9 +170,10 @@ pub(super) fn parse(form: ListForm, bytes: &[u8]) -> Result<Vec<Entry>, Wrong> {
         ListForm::Unisharp => parsed(bytes, |n, line| manifest_line(n, line).map_err(|e| (n, e)))?,
         ListForm::Mine => parsed(bytes, |n, line| mine_line(n, json(line.as_bytes(), n)?))?,
     };
-    match entries.is_empty() {
-        true => Err((1, "the list is empty".to_owned())),
-        false => Ok(entries),
+    if entries.is_empty() {
+        Err((1, "the list is empty".to_owned()))
+    } else {
+        Ok(entries)
     }
 }
 

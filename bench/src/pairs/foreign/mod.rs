@@ -241,12 +241,15 @@ impl ImportedPairs {
 fn found(scene: &Scene, frame: &FrameName) -> Result<usize, String> {
     let count = scene.views.len();
     match frame {
-        FrameName::Position(at) => match (*at as usize) < count {
-            true => Ok(*at as usize),
-            false => Err(format!(
-                "position {at} is beyond the last of {count} views, counted from 0"
-            )),
-        },
+        FrameName::Position(at) => {
+            if (*at as usize) < count {
+                Ok(*at as usize)
+            } else {
+                Err(format!(
+                    "position {at} is beyond the last of {count} views, counted from 0"
+                ))
+            }
+        }
         FrameName::Name(name) => {
             let stem = name
                 .rsplit_once('.')

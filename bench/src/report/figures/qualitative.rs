@@ -126,9 +126,10 @@ impl SheetContent<'_> {
                 (Err(MissingPicture::Failed(reason.clone())), String::new())
             }
             Some((record, Status::Ok)) => {
-                let text = match self.pictures.is_virtual(record) {
-                    true => baseline(record),
-                    false => self.scores(record),
+                let text = if self.pictures.is_virtual(record) {
+                    baseline(record)
+                } else {
+                    self.scores(record)
                 };
                 (self.pictures.prediction(record), text)
             }

@@ -272,9 +272,10 @@ impl Shown {
         if self.size == self.picture.dimensions() {
             return self.picture.clone();
         }
-        let filter = match width > self.picture.width() && !self.is_smooth {
-            true => imageops::FilterType::Nearest,
-            false => imageops::FilterType::Triangle,
+        let filter = if width > self.picture.width() && !self.is_smooth {
+            imageops::FilterType::Nearest
+        } else {
+            imageops::FilterType::Triangle
         };
         imageops::resize(&self.picture, width, height, filter)
     }
@@ -290,9 +291,10 @@ fn stacked(tile: &DrawnTile, gap: u32) -> u32 {
 
 /// Top of a tile's text: below the row's pictures, or at the top if the picture is missing.
 fn text_top(tile: &DrawnTile, pictures: u32) -> u32 {
-    match tile.pictures.is_empty() {
-        true => 0,
-        false => pictures,
+    if tile.pictures.is_empty() {
+        0
+    } else {
+        pictures
     }
 }
 

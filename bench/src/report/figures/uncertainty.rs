@@ -66,9 +66,12 @@ impl Mirrored {
             ));
         }
         let back = flip_horizontal(&self.of_mirror);
-        let of = |(d, m): (&f32, &f32)| match is_valid_depth(*d) && is_valid_depth(*m) {
-            true => (d - m).abs() / d,
-            false => f32::NAN,
+        let of = |(d, m): (&f32, &f32)| {
+            if is_valid_depth(*d) && is_valid_depth(*m) {
+                (d - m).abs() / d
+            } else {
+                f32::NAN
+            }
         };
         let values = self.depth.iter().zip(back.iter()).map(of).collect();
         DepthMap::from_vec(d.0, d.1, values).ok_or_else(|| "the map is empty".to_owned())

@@ -132,9 +132,10 @@ fn pairs(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition
         .map(|list| list.sha256.chars().take(12).collect())
         .collect();
     let hashes: Vec<String> = hashes.into_iter().collect();
-    let list = match hashes.is_empty() {
-        true => String::new(),
-        false => format!(" (list sha256 {}…)", hashes.join("…, ")),
+    let list = if hashes.is_empty() {
+        String::new()
+    } else {
+        format!(" (list sha256 {}…)", hashes.join("…, "))
     };
     let sizes = compared.record(dataset).and_then(DatasetRecord::sizes);
     let sizes = sizes.map_or_else(String::new, |sizes| {
@@ -144,16 +145,17 @@ fn pairs(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition
         let mut entries = ENTRIES.into_iter();
         entries.any(|e| e.format == format.as_str() && e.paper_overlap == PaperOverlap::Stereo)
     });
-    unmet(match is_stereo {
-        true => format!(
+    unmet(if is_stereo {
+        format!(
             "{title}: {} here{list}{sizes}. The paper predicts each right frame from the left one, but does not say \
              which scenes, exposures and illuminations it uses.",
             counted(n, "pair")
-        ),
-        false => format!(
+        )
+    } else {
+        format!(
             "{title}: {} here{list}{sizes}. The paper evaluates at most {PAPERS_LIMIT} pairs of an unpublished list.",
             counted(n, "pair")
-        ),
+        )
     })
 }
 
@@ -304,14 +306,15 @@ fn whole_pictures(compared: &ChecklistInput<'_>, measured: &[&DatasetBoard<'_>])
     let found: Vec<String> = found
         .map(|(what, n)| format!("{} {what}", counted(n, "prediction")))
         .collect();
-    match found.is_empty() {
-        true => check(
+    if found.is_empty() {
+        check(
             true,
             "Every prediction is scored whole, at the target's own size.",
-        ),
-        false => unmet(format!(
+        )
+    } else {
+        unmet(format!(
             "Some predictions are changed or selected before scoring: {}.",
             found.join("; ")
-        )),
+        ))
     }
 }

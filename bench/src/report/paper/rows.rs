@@ -105,9 +105,10 @@ impl RowSource {
             (Some(only), None) => Ok(only),
             _ => Err(RowError::Method {
                 path: self.path.clone(),
-                what: match methods.is_empty() {
-                    true => "no methods".to_owned(),
-                    false => format!("the methods {}", Vec::from_iter(methods).join(", ")),
+                what: if methods.is_empty() {
+                    "no methods".to_owned()
+                } else {
+                    format!("the methods {}", Vec::from_iter(methods).join(", "))
                 },
             }),
         }

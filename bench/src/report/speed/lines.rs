@@ -29,9 +29,10 @@ impl SpeedLine {
     /// # Errors
     /// If it cannot be read, is not such a file, is empty, or has an impossible number.
     pub fn read(path: &Path) -> Result<Vec<Self>, FileError> {
-        let path = match path.is_dir() {
-            true => path.join("speed.csv"),
-            false => path.to_owned(),
+        let path = if path.is_dir() {
+            path.join("speed.csv")
+        } else {
+            path.to_owned()
         };
         let wrong = |reason: String| {
             let reason = format!("not a table of `speed --out`: {reason}");

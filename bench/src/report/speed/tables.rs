@@ -120,10 +120,11 @@ fn remarks(measured: &Measured) -> Vec<String> {
              on {machine}{}.",
             counted(measured.options.repeat, "round"),
             counted(measured.options.warmup, "round"),
-            match devices.is_empty() {
-                true => String::new(),
-                false => format!(" (networks: {})", devices.join(", ")),
-            }
+            if devices.is_empty() {
+String::new()
+} else {
+format!(" (networks: {})", devices.join(", "))
+}
         ),
     ];
     let failures: usize = measured

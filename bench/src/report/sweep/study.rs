@@ -200,9 +200,10 @@ impl Sweep {
                 let line = SweepLine {
                     dataset: of(&d).dataset.name.clone(),
                     method: board.methods[m].label.clone(),
-                    label: match by_method {
-                        true => title(board, d),
-                        false => board.methods[m].label.clone(),
+                    label: if by_method {
+                        title(board, d)
+                    } else {
+                        board.methods[m].label.clone()
                     },
                     style: if by_method { d } else { m },
                     bins: self
@@ -227,11 +228,10 @@ impl Sweep {
                 panel.lines.push(line);
             }
         }
-        match panel.lines.is_empty() {
-            false => self.panels.push(panel),
-            // Without methods there is nothing to show.
-            true if methods.is_empty() => {}
-            true => self.without_lines.push(panel),
+        if !panel.lines.is_empty() {
+            self.panels.push(panel);
+        } else if !methods.is_empty() {
+            self.without_lines.push(panel);
         }
     }
 

@@ -115,9 +115,10 @@ impl Environment<'_> {
     /// Wraps the rows in rules, with small print `below`.
     pub(in crate::report) fn around(&self, body: &str, below: &str) -> String {
         let label = self.label.map(|label| format!("\\label{{tab:{label}}}\n"));
-        let (open, close) = match self.is_wide {
-            true => ("\\resizebox{\\linewidth}{!}{%\n", "%\n}\n"),
-            false => ("", "\n"),
+        let (open, close) = if self.is_wide {
+            ("\\resizebox{\\linewidth}{!}{%\n", "%\n}\n")
+        } else {
+            ("", "\n")
         };
         format!(
             "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}}}\n{}{open}\\begin{{tabular}}{{{}}}\n\\toprule\n\
@@ -237,11 +238,12 @@ const STAND_IN: &str = "{[U+";
 
 /// Adds a comment that explains `[U+…]`, if the fragment contains any.
 pub fn noted(fragment: String) -> String {
-    match fragment.contains(STAND_IN) {
-        true => format!(
+    if fragment.contains(STAND_IN) {
+        format!(
             "% [U+...] stands for the character of that number in Unicode, for which pdflatex has no glyph\n{fragment}"
-        ),
-        false => fragment,
+        )
+    } else {
+        fragment
     }
 }
 

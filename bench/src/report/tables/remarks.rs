@@ -40,9 +40,10 @@ pub(in crate::report) fn scored(
                 Score::Value(_) => None,
             });
         let reasons: BTreeSet<&str> = reasons.collect();
-        let reason = match reasons.is_empty() {
-            true => "not computed in this run".to_owned(),
-            false => Vec::from_iter(reasons).join("; "),
+        let reason = if reasons.is_empty() {
+            "not computed in this run".to_owned()
+        } else {
+            Vec::from_iter(reasons).join("; ")
         };
         let name = format!("{} (`{}`)", metric.label, metric.key);
         by_reason.entry(reason).or_default().push(name);

@@ -293,9 +293,12 @@ fn of_pair<'a>(
             let scores = [of_side(&sides[0])?, of_side(&sides[1])?];
             Some(PairChange::new(metric, a, scores))
         };
-        let changes = metrics.iter().map(|metric| match share < MIN_SHARE {
-            true => None,
-            false => change(metric),
+        let changes = metrics.iter().map(|metric| {
+            if share < MIN_SHARE {
+                None
+            } else {
+                change(metric)
+            }
         });
         ClassScores {
             class,

@@ -216,9 +216,12 @@ impl RunComparison {
 
 /// Sorts by loss, largest first; NaN comes first, regardless of its sign.
 fn order_by_loss(changes: &mut [PairChange<'_>]) {
-    let rank = |change: &PairChange<'_>| match change.loss.is_nan() {
-        true => f64::NAN.abs(),
-        false => change.loss,
+    let rank = |change: &PairChange<'_>| {
+        if change.loss.is_nan() {
+            f64::NAN.abs()
+        } else {
+            change.loss
+        }
     };
     changes.sort_by(|one, other| {
         let by_loss = rank(other).total_cmp(&rank(one));
@@ -248,9 +251,10 @@ pub fn compare(
 /// If one cannot be read.
 pub fn both_sides(a: &Path, b: &Path) -> Result<[Results; 2], EvaluateError> {
     let of_a = Results::read(a)?;
-    let of_b = match a == b {
-        true => of_a.clone(),
-        false => Results::read(b)?,
+    let of_b = if a == b {
+        of_a.clone()
+    } else {
+        Results::read(b)?
     };
     Ok([of_a, of_b])
 }
@@ -360,9 +364,12 @@ fn rows(
 /// kernels change no visible digit of a score. All other settings are compared when the results are
 /// joined.
 fn backend_difference([a, b]: &[Manifest; 2]) -> Option<String> {
-    let kind = |manifest: &Manifest| match manifest.renderer.backend.starts_with("cpu-") {
-        true => "cpu".to_owned(),
-        false => manifest.renderer.backend.clone(),
+    let kind = |manifest: &Manifest| {
+        if manifest.renderer.backend.starts_with("cpu-") {
+            "cpu".to_owned()
+        } else {
+            manifest.renderer.backend.clone()
+        }
     };
     let (a, b) = (kind(a), kind(b));
     (a != b).then(|| format!("the renderer is \"{a}\" in one and \"{b}\" in the other"))

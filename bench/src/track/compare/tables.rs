@@ -192,9 +192,10 @@ fn title(metric: &str, of: MetricRegion, [a, b]: [&str; 2]) -> String {
 }
 
 pub(in crate::track) fn p_text(p: f64) -> String {
-    match p < 0.0001 {
-        true => "<0.0001".to_owned(),
-        false => format!("{p:.4}"),
+    if p < 0.0001 {
+        "<0.0001".to_owned()
+    } else {
+        format!("{p:.4}")
     }
 }
 

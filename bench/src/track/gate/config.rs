@@ -210,9 +210,10 @@ impl FromStr for Limit {
                 .filter(|_| dataset.is_none() && !per_scene)
                 .ok_or_else(|| wrong(&format!("write this limit as '{name} > +10 %'")))?;
             let percent = number(percent)?;
-            return match percent >= 0.0 {
-                true => Ok(Self::Cost { cost, percent }),
-                false => Err(wrong("expected a share of 0 % or more")),
+            return if percent >= 0.0 {
+                Ok(Self::Cost { cost, percent })
+            } else {
+                Err(wrong("expected a share of 0 % or more"))
             };
         }
         let inner = name.strip_prefix('|').and_then(|n| n.strip_suffix('|'));

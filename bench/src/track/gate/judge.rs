@@ -269,13 +269,14 @@ impl<'a> Judge<'a> {
                     dataset.is_some() || self.has_scores(&against.joined[0], info, place);
                 return is_asked.then(|| unscored(check));
             };
-            let (state, reason) = match subject.is_beyond(row.difference) {
-                false => (CheckState::Passed, String::new()),
-                true if !row.difference.is_finite() => {
-                    (CheckState::Fired, not_finite(row.difference))
-                }
-                true if row.p_holm.is_some_and(|p| p < ALPHA) => (CheckState::Fired, String::new()),
-                true => (CheckState::NotSignificant, why_not_significant(row)),
+            let (state, reason) = if !subject.is_beyond(row.difference) {
+                (CheckState::Passed, String::new())
+            } else if !row.difference.is_finite() {
+                (CheckState::Fired, not_finite(row.difference))
+            } else if row.p_holm.is_some_and(|p| p < ALPHA) {
+                (CheckState::Fired, String::new())
+            } else {
+                (CheckState::NotSignificant, why_not_significant(row))
             };
             let (state, reason) = match self.lacks_power(info, row) {
                 Some(reason) if state != CheckState::Fired => (CheckState::Inconclusive, reason),
@@ -293,9 +294,10 @@ impl<'a> Judge<'a> {
             })
         });
         let checks: Vec<Check> = checks.collect();
-        match checks.is_empty() {
-            true => vec![unscored(subject.check(ALL))],
-            false => checks,
+        if checks.is_empty() {
+            vec![unscored(subject.check(ALL))]
+        } else {
+            checks
         }
     }
 
@@ -340,9 +342,10 @@ impl<'a> Judge<'a> {
             .into_iter()
             .filter(|part| part.by == Division::Scene && (place == ALL || part.dataset == place));
         let checks = scenes.map(|scene| {
-            let reason = match scene.difference.is_finite() {
-                true => String::new(),
-                false => not_finite(scene.difference),
+            let reason = if scene.difference.is_finite() {
+                String::new()
+            } else {
+                not_finite(scene.difference)
             };
             let check = subject
                 .check(&scene.dataset)
@@ -421,11 +424,10 @@ fn unscored(check: Check) -> Check {
 }
 
 fn not_finite(difference: f64) -> String {
-    match difference.is_nan() {
-        true => {
-            "scores are NaN, or infinite differences cancel, so the mean is not a number".to_owned()
-        }
-        false => "a score is infinite on one side only".to_owned(),
+    if difference.is_nan() {
+        "scores are NaN, or infinite differences cancel, so the mean is not a number".to_owned()
+    } else {
+        "a score is infinite on one side only".to_owned()
     }
 }
 

@@ -159,9 +159,10 @@ impl Check {
 }
 
 fn fired(is_beyond: bool) -> CheckState {
-    match is_beyond {
-        true => CheckState::Fired,
-        false => CheckState::Passed,
+    if is_beyond {
+        CheckState::Fired
+    } else {
+        CheckState::Passed
     }
 }
 
@@ -210,9 +211,10 @@ impl GateReport {
 
 fn shell_word(text: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-=+:@".contains(c);
-    match !text.is_empty() && text.chars().all(is_plain) {
-        true => text.to_owned(),
-        false => format!("'{}'", text.replace('\'', r"'\''")),
+    if !text.is_empty() && text.chars().all(is_plain) {
+        text.to_owned()
+    } else {
+        format!("'{}'", text.replace('\'', r"'\''"))
     }
 }
 

@@ -19,20 +19,22 @@ impl Check {
         if let Some(scene) = &self.scene {
             place += &format!("/{scene}");
         }
-        match self.method_a == self.method_b {
-            true => format!("{place}, {}", self.method_b),
-            false => format!("{place}, {} to {}", self.method_a, self.method_b),
+        if self.method_a == self.method_b {
+            format!("{place}, {}", self.method_b)
+        } else {
+            format!("{place}, {} to {}", self.method_a, self.method_b)
         }
     }
 
     /// Cells for A, B, B − A, interval and p.
     fn numbers(&self) -> [GridCell; 5] {
         let number = |value| GridCell::optional(value, |value| shown(value, self.decimals));
-        let difference = match self.limit.ends_with('%') {
-            true => GridCell::optional(self.difference, |percent| {
+        let difference = if self.limit.ends_with('%') {
+            GridCell::optional(self.difference, |percent| {
                 format!("{} %", shown(percent, 1))
-            }),
-            false => number(self.difference),
+            })
+        } else {
+            number(self.difference)
         };
         [
             number(self.a),

@@ -145,12 +145,13 @@ fn check(occasion: &Occasion) -> Result<(), String> {
             ));
         }
     }
-    match is_date(&occasion.date) {
-        true => Ok(()),
-        false => Err(format!(
+    if is_date(&occasion.date) {
+        Ok(())
+    } else {
+        Err(format!(
             "the date '{}' is not in the calendar or not of the form YYYY-MM-DD or YYYY-MM-DDTHH:MM",
             visible_line(&occasion.date)
-        )),
+        ))
     }
 }
 
@@ -283,11 +284,12 @@ fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
 fn entry_file(dir: &Path, number: u32) -> Result<PathBuf, FileError> {
     let path = entry_path(dir, number);
     let kind = fs::symlink_metadata(&path).map_err(FileError::new(&path, "read"))?;
-    match kind.is_file() {
-        true => Ok(path),
-        false => Err(FileError::new(&path, "read")(io::Error::other(
+    if kind.is_file() {
+        Ok(path)
+    } else {
+        Err(FileError::new(&path, "read")(io::Error::other(
             "not a regular file",
-        ))),
+        )))
     }
 }
 

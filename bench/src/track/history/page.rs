@@ -203,9 +203,10 @@ fn draw(surface: &mut Surface, area: &PlotArea, series: &Series, shift: f64, sty
         let begins_anew = point.broken.is_some() && point.follows.is_none();
         marker(surface, (x, y), style, begins_anew);
         if let Some(change) = &point.change {
-            let (sign, side) = match change.difference > 0.0 {
-                true => (Marker::Up, -1.0),
-                false => (Marker::Down, 1.0),
+            let (sign, side) = if change.difference > 0.0 {
+                (Marker::Up, -1.0)
+            } else {
+                (Marker::Down, 1.0)
             };
             let at = (x, y + side * 3.2 * MARKER);
             sign.draw(surface, at, MARKER * 1.2, INK);

@@ -147,9 +147,10 @@ mod tests {
             let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
             view.camera_from_world = RigidTransform {
                 rotation: DMat3::from_rotation_x(turn * sign) * DMat3::from_rotation_y(turn * at),
-                translation: match forward {
-                    true => DVec3::new(0.0, 0.0, -0.2 * at),
-                    false => DVec3::new(0.2 * at, 0.1 * sign, 0.0),
+                translation: if forward {
+                    DVec3::new(0.0, 0.0, -0.2 * at)
+                } else {
+                    DVec3::new(0.2 * at, 0.1 * sign, 0.0)
                 },
             };
         }

@@ -111,19 +111,21 @@ impl<'a> Matches<'a> {
     pub(super) fn note(&self) -> String {
         let explained = self.explained(CONVENTIONS[0].take, &Some);
         let (n, share) = (self.matches.len(), share(&explained));
-        let unjudged = match share >= MIN_SHARE && self.leaves_focals_open(share) {
-            true => ", from which focal lengths cannot be judged",
-            false => "",
+        let unjudged = if share >= MIN_SHARE && self.leaves_focals_open(share) {
+            ", from which focal lengths cannot be judged"
+        } else {
+            ""
         };
-        match n >= MIN_MATCHES {
-            true => format!(
+        if n >= MIN_MATCHES {
+            format!(
                 "poses: without depth, {:.0} % of {n} features that match between neighbouring views lie on their \
                  epipolar lines{unjudged}",
                 100.0 * share
-            ),
-            false => format!(
+            )
+        } else {
+            format!(
                 "poses: not checked (no depth, and only {n} features match between neighbouring views)"
-            ),
+            )
         }
     }
 
@@ -248,9 +250,10 @@ impl<'a> Matches<'a> {
                 return Vec::new();
             }
         }
-        match is_one_to_one(&assigned) {
-            true => found,
-            false => Vec::new(),
+        if is_one_to_one(&assigned) {
+            found
+        } else {
+            Vec::new()
         }
     }
 
@@ -407,9 +410,10 @@ fn miss(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f6
     }
     let depth = -to.cross(t).dot(parallax) / parallax.length_squared();
     let there = (turned * depth + t).z;
-    match slope >= 1e-12 && depth > 0.0 && there > 0.0 {
-        true => line.dot(to).abs() / slope,
-        false => f64::INFINITY,
+    if slope >= 1e-12 && depth > 0.0 && there > 0.0 {
+        line.dot(to).abs() / slope
+    } else {
+        f64::INFINITY
     }
 }
 

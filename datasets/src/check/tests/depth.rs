@@ -45,9 +45,10 @@ fn of_other_camera(views: &mut [View], zoom: f64, off: DVec2) {
                 let place = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
                 let from = (place - half - off * f64::from(w)) / zoom + half;
                 let is_inside = from.min_element() >= 0.0 && from.cmplt(2.0 * half).all();
-                match is_inside {
-                    true => *depth.get_pixel(from.x as u32, from.y as u32),
-                    false => Luma([0.0]),
+                if is_inside {
+                    *depth.get_pixel(from.x as u32, from.y as u32)
+                } else {
+                    Luma([0.0])
                 }
             })
         });

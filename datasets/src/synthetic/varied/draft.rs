@@ -198,9 +198,10 @@ impl<'a> Draft<'a> {
         allowed: impl Fn(f64, f64) -> bool,
     ) -> Option<DVec3> {
         for _ in 0..8 {
-            let depth = match self.chance(50) {
-                true => self.between(near, far),
-                false => 1.0 / self.between(1.0 / far, 1.0 / near),
+            let depth = if self.chance(50) {
+                self.between(near, far)
+            } else {
+                1.0 / self.between(1.0 / far, 1.0 / near)
             };
             let side = self.between(-0.65, 0.65) * depth;
             let place = self.world_from_frame.transpose() * DVec3::new(side, 0.0, depth);

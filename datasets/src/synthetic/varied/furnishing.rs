@@ -92,15 +92,16 @@ pub(super) fn chair(draft: &mut Draft<'_>, base: DVec3) {
         cloth.clone(),
     );
     let side = if draft.chance(50) { 1.0 } else { -1.0 };
-    let back = match draft.chance(50) {
-        true => (
+    let back = if draft.chance(50) {
+        (
             DVec3::new(side * half, 0.0, 0.0),
             DVec3::new(0.04, 0.5, 2.0 * half),
-        ),
-        false => (
+        )
+    } else {
+        (
             DVec3::new(0.0, 0.0, side * half),
             DVec3::new(2.0 * half, 0.5, 0.04),
-        ),
+        )
     };
     draft.stand(top + back.0, back.1, 0.0, cloth);
 }

@@ -52,13 +52,15 @@ impl Hull {
             (0.0, self.behind),
         ] {
             // Often one wall has a different paint.
-            let paint = match draft.chance(25) {
-                true => draft.paint(Tone::Any, 0.5),
-                false => wall.clone(),
+            let paint = if draft.chance(25) {
+                draft.paint(Tone::Any, 0.5)
+            } else {
+                wall.clone()
             };
-            match x != 0.0 {
-                true => draft.panel(center.with_x(x), 0, (half.z, half.y), paint),
-                false => draft.panel(center.with_z(z), 2, (half.x, half.y), paint),
+            if x != 0.0 {
+                draft.panel(center.with_x(x), 0, (half.z, half.y), paint)
+            } else {
+                draft.panel(center.with_z(z), 2, (half.x, half.y), paint)
             }
         }
     }
@@ -68,14 +70,16 @@ impl Hull {
         for _ in 0..count {
             let (wide, high) = (draft.between(0.3, 1.6), draft.between(0.3, 1.3));
             let shining = draft.chance(20);
-            let paint = match shining {
-                true => Paint::shining(draft.random),
-                false => draft.paint(Tone::Any, 0.25),
+            let paint = if shining {
+                Paint::shining(draft.random)
+            } else {
+                draft.paint(Tone::Any, 0.25)
             };
             let door = draft.chance(25);
-            let (high, y) = match door {
-                true => (2.05, self.floor - 1.025),
-                false => (high, draft.between(self.ceiling + 0.8, self.floor - 1.0)),
+            let (high, y) = if door {
+                (2.05, self.floor - 1.025)
+            } else {
+                (high, draft.between(self.ceiling + 0.8, self.floor - 1.0))
             };
             let wall = draft.count(0, 2);
             let z = draft.between(0.3 * self.ahead, self.ahead - 0.5);

@@ -160,12 +160,11 @@ pub(super) fn street<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
         for post in 0..6 {
             let z = 2.0 + step * (f64::from(post) + draft.between(0.0, 0.2));
             let base = DVec3::new(curb + side * 0.3, below - 0.12, z);
-            match trees {
-                true => {
-                    let height = draft.between(2.5, 5.5);
-                    tree(&mut draft, base, height);
-                }
-                false => draft.column(base, 4.0, 0.05, poles.clone()),
+            if trees {
+                let height = draft.between(2.5, 5.5);
+                tree(&mut draft, base, height);
+            } else {
+                draft.column(base, 4.0, 0.05, poles.clone())
             }
         }
         for _ in 0..draft.count(0, 4) {

@@ -90,9 +90,10 @@ impl Panel {
 }
 
 fn glass(draft: &mut Draft<'_>, opening_m: f64) -> Finish {
-    let dark = match draft.chance(25) {
-        true => draft.between(0.3, 0.8),
-        false => 1.0,
+    let dark = if draft.chance(25) {
+        draft.between(0.3, 0.8)
+    } else {
+        1.0
     };
     let tint = DVec3::new(draft.between(0.85, 1.0), 0.98, draft.between(0.88, 1.0));
     Finish::Glass {
@@ -144,9 +145,10 @@ fn stand(
         // At most half of the frame's margin or thickness.
         let raised = if is_mirror { 0.05 } else { 0.02 } * panel.smaller();
         panel.center.y = below - 0.5 * size.1 - raised;
-        match is_mirror {
-            true => panel.put_mirror(draft),
-            false => panel.put_pane(draft, 0.0),
+        if is_mirror {
+            panel.put_mirror(draft)
+        } else {
+            panel.put_pane(draft, 0.0)
         }
     }
 }
@@ -179,12 +181,11 @@ pub(super) fn indoors(draft: &mut Draft<'_>, hull: &Hull) {
         };
         let size = (wide, high);
         let panel = Panel { center, size, turn };
-        match draft.chance(50) {
-            true => panel.put_mirror(draft),
-            false => {
-                panel.put_pane(draft, OPENING_M);
-                draft.admit(outwards, wide * high);
-            }
+        if draft.chance(50) {
+            panel.put_mirror(draft)
+        } else {
+            panel.put_pane(draft, OPENING_M);
+            draft.admit(outwards, wide * high);
         }
     }
     if draft.chance(35) {

@@ -279,9 +279,10 @@ impl<'a> Machine<'a, '_> {
         // Names are short. Without this limit, a missing line end would make every opcode scan the whole file.
         let limit = rest.len().min(1024);
         let Some(len) = rest[..limit].iter().position(|&b| b == b'\n') else {
-            return match limit == rest.len() {
-                true => Err(Fault::CutOff(self.at)),
-                false => malformed!("pickle: the name of a global does not end"),
+            return if limit == rest.len() {
+                Err(Fault::CutOff(self.at))
+            } else {
+                malformed!("pickle: the name of a global does not end")
             };
         };
         let text = self.take(len as u64)?;

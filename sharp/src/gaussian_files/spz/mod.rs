@@ -83,9 +83,10 @@ impl Header {
 
 /// Reads a file that starts like a gzip stream (SPZ 1 to 3) or like SPZ 4.
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
-    let (header, blocks) = match bytes.starts_with(&MAGIC) {
-        true => zstd_blocks(bytes)?,
-        false => gzip_blocks(bytes)?,
+    let (header, blocks) = if bytes.starts_with(&MAGIC) {
+        zstd_blocks(bytes)?
+    } else {
+        gzip_blocks(bytes)?
     };
     let [positions, opacities, colors, scales, rotations, harmonics] = &blocks;
     let mut out = Decoded {
@@ -183,9 +184,10 @@ fn gzip_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
     let mut start = [0; HEADER];
     let begun = stream.read_exact(&mut start);
     if begun.is_ok() && !start.starts_with(&MAGIC) {
-        let what = match start.starts_with(b"ply") {
-            true => "a PLY file packed by gzip; unpack it (gunzip)",
-            false => "packed by gzip, and not an SPZ; unpack it (gunzip)",
+        let what = if start.starts_with(b"ply") {
+            "a PLY file packed by gzip; unpack it (gunzip)"
+        } else {
+            "packed by gzip, and not an SPZ; unpack it (gunzip)"
         };
         return Err(PlyReason::Foreign(what.to_owned()));
     }

@@ -74,9 +74,10 @@ impl Operation for Convolution {
         } = self.spec;
         let shape = [out_channels, in_channels, kernel, kernel];
         let (weight, bias) = parted(&inputs[1], &shape)?;
-        let x = match self.relu_input {
-            true => rectified(&inputs[0])?,
-            false => inputs[0].clone(),
+        let x = if self.relu_input {
+            rectified(&inputs[0])?
+        } else {
+            inputs[0].clone()
         };
         let y = match kernel {
             1 => candle_nn::Linear::new(weight.flatten_from(1)?, None).forward(&x)?,

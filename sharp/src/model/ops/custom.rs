@@ -153,9 +153,12 @@ impl<O: Operation> Custom<O> {
     }
 
     fn back_by_candle(&self, inputs: &[&Tensor], upstream: &Tensor) -> Result<Vec<Option<Tensor>>> {
-        let ends = inputs.iter().map(|input| match input.track_op() {
-            true => Ok(Var::from_tensor(input)?.into_inner()),
-            false => Ok((*input).clone()),
+        let ends = inputs.iter().map(|input| {
+            if input.track_op() {
+                Ok(Var::from_tensor(input)?.into_inner())
+            } else {
+                Ok((*input).clone())
+            }
         });
         let ends = ends.collect::<Result<Vec<_>>>()?;
         let output = self.operation.by_candle(&ends)?;

@@ -38,9 +38,10 @@ impl Operation for GroupNorm {
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
         let (_, h, w, c) = inputs[0].dims4()?;
         let x = inputs[0].reshape((h * w, self.groups, c / self.groups))?;
-        let wide = match x.device().is_metal() {
-            true => DType::F32,
-            false => DType::F64,
+        let wide = if x.device().is_metal() {
+            DType::F32
+        } else {
+            DType::F64
         };
         let mean = |t: &Tensor| {
             let t = t.to_dtype(wide)?;

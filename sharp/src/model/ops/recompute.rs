@@ -44,9 +44,10 @@ impl Recompute {
         let nothing = Tensor::zeros(0, DType::F32, &Device::Cpu)?;
         let [a, b, c] = [0, 1, 2].map(|k| inputs.get(k).copied().unwrap_or(&nothing));
         // The backward pass reaches an operation only if one of its inputs is tracked.
-        let a = match is_tracked {
-            true => a.clone(),
-            false => Var::from_tensor(a)?.into_inner(),
+        let a = if is_tracked {
+            a.clone()
+        } else {
+            Var::from_tensor(a)?.into_inner()
         };
         let operation = Recomputed {
             part,

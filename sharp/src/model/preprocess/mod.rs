@@ -112,12 +112,13 @@ fn photo_from_bytes(
     }
     let header = image_file::header(&mut Cursor::new(bytes)).map_err(undecodable)?;
     let is_mirrored = matches!(header.orientation, 2 | 4 | 5 | 7);
-    let rules = match is_mirrored {
-        true => PictureRules {
+    let rules = if is_mirrored {
+        PictureRules {
             orientation: OrientationRule::Stored,
             ..options.rules
-        },
-        false => options.rules,
+        }
+    } else {
+        options.rules
     };
     let picture = image_file::read(bytes, &rules, None).map_err(undecodable)?;
     let mut warnings = picture.notes(&rules);

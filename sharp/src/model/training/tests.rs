@@ -60,9 +60,12 @@ fn scene() -> Scene {
     let image =
         (0..3 * SIDE * SIDE).map(|k| 0.5 + 0.3 * wave(k % (SIDE * SIDE), 0.11) + 0.1 * noise[k]);
     // Depth is unknown in a third of the picture.
-    let known = (0..SIDE * SIDE).map(|k| match k % SIDE < SIDE / 3 {
-        true => 0.0,
-        false => 2.5 + wave(k, 0.05),
+    let known = (0..SIDE * SIDE).map(|k| {
+        if k % SIDE < SIDE / 3 {
+            0.0
+        } else {
+            2.5 + wave(k, 0.05)
+        }
     });
     Scene {
         image: image.collect(),

@@ -135,9 +135,12 @@ pub(crate) fn unit_quaternion(quaternion: [f32; 4]) -> ([f64; 4], usize) {
     if !(norm > 0.0 && norm.is_finite()) {
         return ([1.0, 0.0, 0.0, 0.0], 0);
     }
-    let largest = (1..4).fold(0, |best, k| match wide[k].abs() > wide[best].abs() {
-        true => k,
-        false => best,
+    let largest = (1..4).fold(0, |best, k| {
+        if wide[k].abs() > wide[best].abs() {
+            k
+        } else {
+            best
+        }
     });
     let scale = norm.copysign(wide[largest]);
     (wide.map(|v| v / scale), largest)

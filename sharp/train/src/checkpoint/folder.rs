@@ -74,9 +74,10 @@ impl CheckpointFolder {
 
 /// Syncs the folder, if the platform supports it, so that a rename survives a power failure.
 fn sync(folder: &Path) -> io::Result<()> {
-    match cfg!(unix) {
-        true => File::open(folder)?.sync_all(),
-        false => Ok(()),
+    if cfg!(unix) {
+        File::open(folder)?.sync_all()
+    } else {
+        Ok(())
     }
 }
 

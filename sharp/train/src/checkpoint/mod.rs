@@ -185,9 +185,10 @@ impl TrainingState {
         }
         let used = || inventory.iter().filter(|parameter| parameter.used);
         let expected = used().flat_map(|Parameter { name, shape, .. }| {
-            let kinds: &[&str] = match parts.contain(name) {
-                true => &[VALUES, FIRST, SECOND],
-                false => &[VALUES],
+            let kinds: &[&str] = if parts.contain(name) {
+                &[VALUES, FIRST, SECOND]
+            } else {
+                &[VALUES]
             };
             kinds.iter().map(move |kind| Expected {
                 name: format!("{kind}{name}"),

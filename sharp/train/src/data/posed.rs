@@ -50,9 +50,10 @@ impl PosedSamples {
         });
         let mut left_out: Vec<String> = faults.collect();
         // If errors leave no scene, report the errors.
-        let mut scenes = match found.scenes.is_empty() {
-            true => found.all()?,
-            false => found.scenes,
+        let mut scenes = if found.scenes.is_empty() {
+            found.all()?
+        } else {
+            found.scenes
         };
         let views = |scenes: &[Scene]| scenes.iter().map(|s| s.views.len()).sum::<usize>();
         let all = views(&scenes);
@@ -78,13 +79,14 @@ impl PosedSamples {
         let paired =
             views.filter(|&(i, v)| samples.partners(&samples.scenes[i], v).next().is_some());
         samples.sources = paired.collect();
-        match samples.sources.is_empty() {
-            true => Err(DataError::NoPair {
+        if samples.sources.is_empty() {
+            Err(DataError::NoPair {
                 dataset: spec.to_string(),
                 limit_m: max_baseline_m,
                 left_out: samples.left_out,
-            }),
-            false => Ok(samples),
+            })
+        } else {
+            Ok(samples)
         }
     }
 

@@ -66,9 +66,10 @@ impl TrainingView {
 /// # Errors
 /// [`DataError::Picture`] for an empty size.
 pub(super) fn resized(image: RgbImage, (width, height): (u32, u32)) -> Result<RgbImage, DataError> {
-    let kernel = match width > image.width() || height > image.height() {
-        true => ResizeKernel::BilinearAntialias,
-        false => ResizeKernel::Area,
+    let kernel = if width > image.width() || height > image.height() {
+        ResizeKernel::BilinearAntialias
+    } else {
+        ResizeKernel::Area
     };
     match resize(&Picture::Rgb8(image), width, height, kernel)? {
         Picture::Rgb8(image) => Ok(image),

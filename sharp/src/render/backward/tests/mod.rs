@@ -141,9 +141,12 @@ impl Ordered {
                 let g = gradient.pixel(*i);
                 let with = |changed: &OracleSplat| {
                     let alpha = changed.alpha(center(*i, gradient.width));
-                    let members = seen.at[*i].iter().map(|(k, unchanged)| match *k == m {
-                        true => (alpha, changed),
-                        false => (*unchanged, &self.oracles[*k]),
+                    let members = seen.at[*i].iter().map(|(k, unchanged)| {
+                        if *k == m {
+                            (alpha, changed)
+                        } else {
+                            (*unchanged, &self.oracles[*k])
+                        }
                     });
                     pixel(members, &g)
                 };

@@ -297,9 +297,10 @@ fn a_trained_depth_network_goes_with_gaussians_of_any_stride() {
     let states = [&first, &untrained, &second].map(|t| &t.trainer.state.weights);
     let [first, untrained, second] = states;
     for ((first, untrained), second) in first.iter().zip(untrained).zip(second) {
-        let mut expected = match second.name.starts_with("monodepth_model.") {
-            true => first.values.clone(),
-            false => untrained.values.clone(),
+        let mut expected = if second.name.starts_with("monodepth_model.") {
+            first.values.clone()
+        } else {
+            untrained.values.clone()
         };
         if second.name.contains(LAYERED) {
             let layer = expected[..expected.len() / 2].to_vec();
