@@ -87,7 +87,7 @@ fn strips_of_tensors() -> Result<(), Failed> {
     let [a, b] = pair;
     let pair = [a?, b?];
     let whole = scores(&on_tensors(Some(131))?, &pair)?;
-    for strip in [1, 7, 16, 100] {
+    for strip in [7, 100] {
         let found = scores(&on_tensors(Some(strip))?, &pair)?;
         for ((key, whole), found) in KEYS.iter().zip(&whole).zip(found) {
             let off = (whole.clone()? - found?).abs();
@@ -174,9 +174,9 @@ fn same_bits(level: InstructionSet, algorithm: Algorithm) -> Result<(), Failed> 
     let pair = [a?, b?];
     let mut first: Option<Vec<u64>> = None;
     for (strip, threads) in [
-        (Some(131), &[1, 2, 3, 8][..]),
-        (Some(1), &[1, 3]),
-        (Some(16), &[2, 8]),
+        (Some(131), &[1, 3, 8][..]),
+        (Some(1), &[3]),
+        (Some(16), &[2]),
         (None, &[8]),
     ] {
         let scorer = scorer(level, algorithm, strip)?;

@@ -14,8 +14,10 @@ use super::finding::ShownCamera;
 
 /// Half the side of a block, rounded down, pixels of a shrunk picture.
 pub(super) const HALF: i64 = 5;
+/// Side of a block.
+const SIDE: usize = 2 * HALF as usize + 1;
 /// Number of pixels of a block.
-pub(super) const AREA: usize = (2 * HALF as usize + 1).pow(2);
+const AREA: usize = SIDE.pow(2);
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [14, 10];
 /// Blocks are compared only if their standard deviation is at least this, in levels.
@@ -331,13 +333,8 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
 
 /// Whether all pixels around a place are black, or all are white.
 fn is_masked(picture: &RgbImage, place: DVec2) -> bool {
-    let [left, top] = [place.x, place.y].map(|v| v.floor() as i64 - HALF);
-    let side = 2 * HALF as u32 + 1;
-    let [Ok(left), Ok(top)] = [left, top].map(u32::try_from) else {
-        return false;
-    };
-    let is_inside = left + side <= picture.width() && top + side <= picture.height();
-    is_inside && {
+    corner(picture, place).is_some_and(|[left, top]| {
+        let [left, top, side] = [left, top, SIDE].map(|v| v as u32);
         let block = picture.view(left, top, side, side);
         let is_all = |is: fn(u8) -> bool| {
             block
@@ -345,32 +342,55 @@ fn is_masked(picture: &RgbImage, place: DVec2) -> bool {
                 .all(|(.., pixel)| pixel.0.into_iter().all(is))
         };
         is_all(|level| level <= MASKED[0]) || is_all(|level| level >= MASKED[1])
-    }
+    })
+}
+
+/// Column and row of the first pixel of the block around a place; `None` if the block would not lie inside the picture.
+fn corner(picture: &RgbImage, place: DVec2) -> Option<[usize; 2]> {
+    let (width, height) = picture.dimensions();
+    let along = |place: f64, size: u32| {
+        let first = usize::try_from(place.floor() as i64 - HALF).ok()?;
+        (first + SIDE <= size as usize).then_some(first)
+    };
+    Some([along(place.x, width)?, along(place.y, height)?])
 }
 
 /// Correlation of a block with another place, −1..1; `None` if the block would not lie inside the picture there.
 pub(super) fn correlation(block: &[f64; AREA], picture: &RgbImage, place: DVec2) -> Option<f64> {
-    let (other, _) = patch(picture, place)?;
-    Some(block.iter().zip(other).map(|(a, b)| a * b).sum())
+    let [left, top] = corner(picture, place)?;
+    let (levels, width) = (picture.as_raw().as_slice(), picture.width() as usize);
+    let (mut product, mut sum, mut squares) = (0.0, 0, 0);
+    // This runs up to a million times per picture, in a crate whose iterators are not inlined (see Cargo.toml).
+    let mut k = 0;
+    while k < AREA {
+        let (x, y) = (left + k % SIDE, top + k / SIDE);
+        let level = levels[3 * (y * width + x) + 1] as u32;
+        product += block[k] * level as f64;
+        sum += level;
+        squares += level * level;
+        k += 1;
+    }
+    Some(product / norm(sum, squares).max(1.0))
 }
 
 /// The green levels around a place, normalised to mean 0 and norm 1, and their standard deviation.
 pub(super) fn patch(picture: &RgbImage, place: DVec2) -> Option<([f64; AREA], f64)> {
-    let [left, top] = [place.x, place.y].map(|v| v.floor() as i64 - HALF);
-    let side = 2 * HALF + 1;
-    let is_inside = |from: i64, size: u32| from >= 0 && from + side <= i64::from(size);
-    if !is_inside(left, picture.width()) || !is_inside(top, picture.height()) {
-        return None;
-    }
-    let mut levels: [f64; AREA] = std::array::from_fn(|k| {
-        let (x, y) = (left + k as i64 % side, top + k as i64 / side);
-        f64::from(picture.get_pixel(x as u32, y as u32).0[1])
+    let [left, top] = corner(picture, place)?;
+    let levels: [u32; AREA] = std::array::from_fn(|k| {
+        let (x, y) = (left + k % SIDE, top + k / SIDE);
+        picture.get_pixel(x as u32, y as u32).0[1].into()
     });
-    let mean = levels.iter().sum::<f64>() / AREA as f64;
-    levels.iter_mut().for_each(|level| *level -= mean);
-    let norm = levels.iter().map(|v| v * v).sum::<f64>().sqrt();
-    levels.iter_mut().for_each(|level| *level /= norm.max(1.0));
-    Some((levels, norm / (AREA as f64).sqrt()))
+    let sum: u32 = levels.iter().sum();
+    let norm = norm(sum, levels.iter().map(|level| level * level).sum());
+    let mean = f64::from(sum) / AREA as f64;
+    let block = levels.map(|level| (f64::from(level) - mean) / norm.max(1.0));
+    Some((block, norm / (AREA as f64).sqrt()))
+}
+
+/// Norm of a block's levels after subtracting their mean, from their sum and the sum of their squares.
+fn norm(sum: u32, squares: u32) -> f64 {
+    let [sum, squares] = [sum, squares].map(f64::from);
+    (squares - sum * sum / AREA as f64).max(0.0).sqrt()
 }
 
 #[cfg(test)]

@@ -496,15 +496,10 @@ fn a_network_that_predicts_poorly_stays_silent_and_its_files_misread_are_named()
     for (setting, mends) in [
         (aside, None),
         ("axes=opencv", Some("`shift=-1.5:1")),
-        ("shift=-0.28:1.32", Some("`shift=-1.28:1.32`")),
         ("shift=-1.28:1.82", Some("`shift=-1.28:1.32`")),
         (
             "shift=-1.28:1.32,channels=bgr",
             Some("with `channels=rgb`, they"),
-        ),
-        (
-            "shift=-1.28:1.32,axes=opengl",
-            Some("with `axes=opencv`, they"),
         ),
         ("shift=-1.28:1.32,focal=1.2", Some("`focal=")),
         ("shift=-1.28:1.32,colors=dc-uncentered", Some("`colors=dc`")),

@@ -480,7 +480,7 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
     let ids: Vec<String> = ids.into_iter().collect();
     let n = ids.len();
     // Stores the changed picture of pair `from(k)` under the name of pair k.
-    let stored = |to: &str, of: &str, from: &dyn Fn(usize) -> usize, level: &dyn Fn(f64) -> f64| {
+    let store = |to: &str, of: &str, from: &dyn Fn(usize) -> usize, level: &dyn Fn(f64) -> f64| {
         for (k, id) in ids.iter().enumerate() {
             let made = format!("made/predictions/{of}/{}.png", ids[from(k) % n]);
             let mut picture = image::open(case.path(&made)).unwrap().to_rgb8();
@@ -492,27 +492,26 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
             std::fs::create_dir_all(to.parent().unwrap_or(Path::new("."))).unwrap();
             picture.save(to).unwrap();
         }
+    };
+    let stored = |to: &str, of: &str, from: &dyn Fn(usize) -> usize, level: &dyn Fn(f64) -> f64| {
+        store(to, of, from, level);
         run(&format!("imported:dir={to}"), &format!("r-{to}"))
     };
     let (own, same) = (|k: usize| k, |v: f64| v);
-    for (of, name, level) in [
-        ("m", "as-made", &same as &dyn Fn(f64) -> f64),
-        ("c", "as-made", &same),
-        ("d", "as-made", &same),
-        ("m", "dim", &|v| 0.7 * v),
-        ("c", "dim", &|v| 0.7 * v),
-        ("d", "dim", &|v| 0.7 * v),
-        ("m", "pale", &|v| 0.8 * v + 30.0),
-        ("c", "pale", &|v| 0.8 * v + 30.0),
-        ("d", "pale", &|v| 0.8 * v + 30.0),
-    ] {
-        let said = stored(&format!("{of}-{name}"), of, &own, level);
-        assert!(
-            !said.err.contains("look as if"),
-            "{of} {name}: {}",
-            said.err
-        );
-    }
+    let levels: [(&str, &dyn Fn(f64) -> f64); 3] = [
+        ("as-made", &same),
+        ("dim", &|v| 0.7 * v),
+        ("pale", &|v| 0.8 * v + 30.0),
+    ];
+    let poor = ["m", "c", "d"].map(|of| {
+        levels.map(|(name, level)| {
+            let to = format!("{of}-{name}");
+            store(&to, of, &own, level);
+            format!("imported:label={to},dir={to}")
+        })
+    });
+    let said = run(&poor.concat().join(" --method "), "r-poor");
+    assert!(!said.err.contains("look as if"), "{}", said.err);
     let told = [
         (
             "before",
