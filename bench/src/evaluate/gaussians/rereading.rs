@@ -3,6 +3,7 @@
 
 use glam::{DAffine3, DVec3};
 use image::RgbImage;
+use image::imageops::crop_imm;
 use sharp::camera::Intrinsics;
 use sharp::gaussians::Gaussians;
 use sharp::ply::{
@@ -14,6 +15,7 @@ use sharp::render::{PrincipalPoint, RenderError, RenderOutput, RenderView, Rule}
 
 use super::footprint::mean_area;
 use super::likeness::Likeness;
+use super::registration::shift;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 use crate::rendering::SharedRenderer;
@@ -36,7 +38,9 @@ const MAX_ERROR_ELSEWHERE: f64 = 1.1;
 const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
 /// A shift that gains at least this in the source, in dB, need not be confirmed in other views, where a shift of half a
 /// pixel hardly changes poor Gaussians.
-const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 2.0;
+const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 1.0;
+/// Ratio of the depths to which [`Trial::flattened`] moves Gaussians.
+const FLATTENED: f64 = 1.25;
 /// Another form of colours is preferred only if it gains at least this, in dB, because forms of colours may differ
 /// merely in brightness and contrast.
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
@@ -269,10 +273,16 @@ impl Trial<'_> {
             let mut better = Vec::new();
             let mut consider = |candidate: FileReading, gaussians: &Gaussians| {
                 let placed = candidate.placement.camera_from_file(self.source);
-                if let Some(fit) = self.under(&candidate).fit(gaussians, placed)?
-                    && fit.gain_over(fit_before) >= MIN_SOURCE_GAIN_DB
-                {
-                    better.push((candidate, fit));
+                if let Some(fit) = self.under(&candidate).fit(gaussians, placed)? {
+                    let [own, read] = [candidate.placement, before.placement];
+                    let compared = if own.shift != read.shift || own.focal != read.focal {
+                        self.flat_fits(gaussians, before, candidate.placement)?
+                    } else {
+                        Some([fit_before.clone(), fit.clone()])
+                    };
+                    let gains =
+                        |[before, own]: &[Likeness; 2]| own.gain_over(before) >= MIN_SOURCE_GAIN_DB;
+                    better.extend(compared.filter(gains).map(|both| (candidate, fit, both)));
                 }
                 Ok::<(), RenderError>(())
             };
@@ -320,11 +330,12 @@ impl Trial<'_> {
                 trial.mean_area(&recoded(reading), reading.placement)
             };
             let fit_elsewhere = of_others(before)?;
-            let all_before = fit_before.joined(&fit_elsewhere);
-            let mut chosen: Option<(FileReading, Likeness, Likeness)> = None;
-            for (candidate, fit) in better {
+            let mut chosen: Option<(FileReading, Likeness, f64)> = None;
+            for (candidate, fit, [own_before, own]) in better {
                 let elsewhere = of_others(&candidate)?;
-                let all = fit.joined(&elsewhere);
+                let all_before = own_before.joined(&fit_elsewhere);
+                let all = own.joined(&elsewhere);
+                let gain = all.gain_over(&all_before);
                 let recolors = candidate.stored.colors != before.stored.colors;
                 let is_closer = |own: &Likeness, other: &Likeness| {
                     let gain = own.gain_over(other);
@@ -332,10 +343,10 @@ impl Trial<'_> {
                         || gain >= MIN_EXACT_RECOLORED_GAIN_DB && own.is_as_near_as_exposed(other);
                     own.is_closer_than(other) || recolors && is_form && own.is_nearer_than(other)
                 };
-                let is_better =
-                    fit.explains() && (is_closer(&fit, fit_before) || is_closer(&all, &all_before));
+                let is_better = own.explains()
+                    && (is_closer(&own, &own_before) || is_closer(&all, &all_before));
                 let is_shift = candidate.placement.shift != before.placement.shift;
-                let is_large = fit.gain_over(fit_before) >= UNCONFIRMED_SHIFT_GAIN_DB;
+                let is_large = own.gain_over(&own_before) >= UNCONFIRMED_SHIFT_GAIN_DB;
                 let allowed = if is_shift && !is_large {
                     MAX_ERROR_ELSEWHERE_OF_SHIFT
                 } else {
@@ -353,11 +364,11 @@ impl Trial<'_> {
                     || is_shift && neighbours.is_empty();
                 // The source alone decides between two forms of colours: in other views, wrong geometry causes blur,
                 // which paler colours hide.
-                let is_closest = chosen.as_ref().is_none_or(|(other, its_fit, its_all)| {
+                let is_closest = chosen.as_ref().is_none_or(|(other, its_fit, its_gain)| {
                     if recolors && other.stored.colors != before.stored.colors {
                         fit.error() < its_fit.error()
                     } else {
-                        all.error() < its_all.error()
+                        gain > *its_gain
                     }
                 });
                 // Wrongly rotated Gaussians are seen more edge-on, which sharpens a rendering whose Gaussians are too
@@ -365,7 +376,7 @@ impl Trial<'_> {
                 let is_narrower = candidate.stored.quaternions != before.stored.quaternions
                     && area(&candidate) < MIN_FACING_AREA * area(before);
                 if is_better && !worse && is_closest && !is_narrower && !is_chance {
-                    chosen = Some((candidate, fit, all));
+                    chosen = Some((candidate, fit, gain));
                 }
             }
             match chosen {
@@ -375,6 +386,58 @@ impl Trial<'_> {
         }
         let (other, fit) = self.simplest(gaussians, reading, best, neighbours)?;
         Ok((other != *reading).then_some((other, fit)))
+    }
+
+    /// [`Trial::fit`] of the [flattened](Self::flattened) Gaussians as read and with the shift and the focal length of
+    /// `placement`. On a slanted surface, each Gaussian is covered by its nearer neighbours, which shifts even a correct
+    /// file by up to a pixel.
+    fn flat_fits(
+        &self,
+        gaussians: &Gaussians,
+        before: &FileReading,
+        placement: Placement,
+    ) -> Result<Option<[Likeness; 2]>, RenderError> {
+        let trial = self.under(before);
+        let maps = [before.placement, placement].map(|place| place.camera_from_file(self.source));
+        let flat = trial.flattened(gaussians, maps[0]);
+        let [fit, shifted] = maps.map(|map| trial.fit(&flat, map));
+        Ok(fit?.zip(shifted?).map(|(fit, shifted)| [fit, shifted]))
+    }
+
+    /// The Gaussians that this part shows, each moved along its ray and scaled to the nearest of a few depths, so that
+    /// neighbours on a surface mostly share a depth and cover each other in random order.
+    fn flattened(&self, gaussians: &Gaussians, camera_from_file: DAffine3) -> Gaussians {
+        let seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
+        let mut flat = gaussians.subset(&seen.members);
+        let eye = camera_from_file.inverse().translation;
+        for (mean, scales) in flat.means.iter_mut().zip(&mut flat.scales) {
+            let place = DVec3::from(mean.map(f64::from));
+            let z = camera_from_file.transform_point3(place).z;
+            let factor = FLATTENED.powf(z.log(FLATTENED).round()) / z;
+            *mean = (eye + factor * (place - eye)).as_vec3().to_array();
+            *scales = scales.map(|scale| (f64::from(scale) * factor) as f32);
+        }
+        flat
+    }
+
+    /// Shift (pixels) that aligns a rendering of the [flattened](Self::flattened) Gaussians with this part.
+    pub(in crate::evaluate) fn flat_shift(
+        &self,
+        gaussians: &Gaussians,
+        camera_from_file: DAffine3,
+    ) -> Result<[f64; 2], RenderError> {
+        let flat = self.flattened(gaussians, camera_from_file);
+        let Some(output) = self.rendered(&flat, camera_from_file)? else {
+            return Ok([0.0; 2]);
+        };
+        let Region {
+            x,
+            y,
+            width,
+            height,
+        } = self.region;
+        let part = crop_imm(self.photograph, x, y, width, height).to_image();
+        Ok(shift(&part, &self.renderer.picture(&output)))
     }
 
     /// Reverts each changed setting that is not needed: without it, the reading is not significantly worse, so it only

@@ -23,7 +23,7 @@ use super::depth_check::{depth_doubt, rounded};
 use super::footprint::{hole_share, missing_share};
 use super::likeness::{Likeness, blur, window};
 use super::other_view::{OtherView, other_view, other_views};
-use super::registration::{shift, zoom};
+use super::registration::zoom;
 use super::render::placed;
 use super::rereading::{Moves, Seen, Trial};
 use crate::methods::GaussianPrediction;
@@ -272,8 +272,13 @@ impl<'a> Findings<'a> {
     ) -> Result<Self, RenderError> {
         let (photograph, region, gaussians) =
             (trial.photograph, trial.region, &prediction.gaussians);
-        let part = |whole| crop_imm(whole, region.x, region.y, region.width, region.height);
-        let [shown, part] = [&seen.picture, photograph].map(|whole| part(whole).to_image());
+        let Region {
+            x,
+            y,
+            width,
+            height,
+        } = region;
+        let shown = crop_imm(&seen.picture, x, y, width, height).to_image();
         let as_read = Likeness::of(photograph, region, &shown);
         let is_right = as_read.psnr() >= RIGHT_DB;
         let is_lost = shows_nothing(photograph, &seen.over_mean);
@@ -285,7 +290,7 @@ impl<'a> Findings<'a> {
             let zoom = |along| zoom(photograph, &seen.picture, trial.principal_point(), along);
             let zooms = [[1, 1], [0, 1], [1, 0]].into_iter().filter_map(zoom);
             let moves = Moves {
-                aside: shift(&part, &shown),
+                aside: trial.flat_shift(gaussians, own)?,
                 zooms: zooms.collect(),
             };
             let best =
@@ -403,10 +408,14 @@ impl<'a> Findings<'a> {
                 } else {
                     String::new()
                 };
-                let text = format!(
-                    "{shown}{holes}; with {named}, they reach {:.2} dB",
-                    fit.psnr()
-                );
+                let mended = if fit.gain_over(&self.compared) > 0.0 {
+                    format!("with {named}, they reach {:.2} dB", fit.psnr())
+                } else {
+                    format!(
+                        "{named} fits better, except on slanted surfaces, where nearer Gaussians cover others"
+                    )
+                };
+                let text = format!("{shown}{holes}; {mended}");
                 return Some((half.map_or("reading", String::as_str).to_owned(), text));
             }
             (_, Some(other)) => ("view", other.sentence(shown)),

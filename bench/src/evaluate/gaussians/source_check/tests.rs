@@ -696,6 +696,10 @@ impl Pair {
             let seen = renderer.render(&world, pose.to_affine(), k, None).unwrap();
             renderer.picture(&seen)
         });
+        Self::of(views, photographs)
+    }
+
+    fn of(views: [(Intrinsics, RigidTransform); 2], photographs: [RgbImage; 2]) -> Self {
         let ids = ["l", "r"].into_iter().zip(&photographs);
         let views = ids.zip(views).map(|((id, picture), (k, pose))| View {
             id: id.to_owned(),
@@ -708,6 +712,51 @@ impl Pair {
             scene: Scene::new("m", "s", views.collect(), pairing),
             photographs,
         }
+    }
+
+    /// A floor, seen from 1 m above.
+    fn floor() -> Self {
+        let views = [0.0, BASELINE_M].map(|x| {
+            let k = Intrinsics::new((80.0, 80.0), (40.0, -30.0), (80, 64)).unwrap();
+            let pose = RigidTransform::new(DMat3::IDENTITY, DVec3::X * -x).unwrap();
+            (k, pose)
+        });
+        let photographs = views.map(|(k, pose)| {
+            RgbImage::from_fn(k.width, k.height, |x, y| {
+                let at = Self::of_floor(&k, [x, y].map(|p| f64::from(p) + 0.5));
+                let (x, z) = (at.x - pose.translation.x, at.z.ln());
+                let waves = [(40.0, 9.0), (33.0, -14.0), (52.0, 4.0)];
+                image::Rgb(waves.map(|(of_z, of_x)| {
+                    let wave = (of_z * z).sin() + (of_x * x + 3.0 * z).cos();
+                    (128.0 + 50.0 * wave) as u8
+                }))
+            })
+        });
+        Self::of(views, photographs)
+    }
+
+    /// The point of the floor at a place of the picture.
+    fn of_floor(k: &Intrinsics, [x, y]: [f64; 2]) -> DVec3 {
+        let ray = DVec3::new((x - k.cx) / k.fx, (y - k.cy) / k.fy, 1.0);
+        ray / ray.y
+    }
+
+    /// One Gaussian per pixel of the floor's photograph, shifted by `by` pixels.
+    fn predicted_floor(&self, by: [f64; 2]) -> Gaussians {
+        let k = self.scene.views[0].intrinsics;
+        let mut floor = Gaussians::default();
+        for (x, y, pixel) in self.photographs[0].enumerate_pixels() {
+            let at = Self::of_floor(&k, [f64::from(x) + 0.5, f64::from(y) + 0.5]);
+            let aside = DVec3::new(by[0] / k.fx, by[1] / k.fy, 0.0);
+            floor.means.push((at + at.z * aside).as_vec3().to_array());
+            floor.quaternions.push([1.0, 0.0, 0.0, 0.0]);
+            floor.scales.push([(0.55 * at.z / k.fx) as f32; 3]);
+            floor.opacities.push(0.95);
+            floor
+                .colors
+                .push(pixel.0.map(|v| linear_from_srgb(f32::from(v) / 255.0)));
+        }
+        floor
     }
 
     /// Adds a Gaussian at a pixel of the left camera.
@@ -786,4 +835,14 @@ fn another_view_as_the_source_is_named_and_not_called_a_shift() {
     let text = pair.said(discs);
     assert!(text.contains("with `focal=1.4"), "{text}");
     assert!(!text.contains("` and `"), "{text}");
+}
+
+/// Nearer Gaussians cover farther ones, which shifts the rendering of a correct file upwards. A file that is shifted by
+/// another half a pixel is reported; a focal length would move this part of a floor alike.
+#[test]
+fn a_shift_by_the_order_of_depths_is_not_named_and_a_wrong_file_is() {
+    let pair = Pair::floor();
+    assert_eq!(pair.said(pair.predicted_floor([0.0; 2])), "");
+    let text = pair.said(pair.predicted_floor([0.0, -0.5]));
+    assert!(text.contains("`, they reach "), "{text}");
 }
