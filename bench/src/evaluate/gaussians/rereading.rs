@@ -399,8 +399,7 @@ impl Trial<'_> {
     ) -> Result<Option<[Likeness; 2]>, RenderError> {
         let trial = self.under(before);
         let maps = [before.placement, placement].map(|place| place.camera_from_file(self.source));
-        let flat = trial.flattened(gaussians, maps[0]);
-        let [fit, shifted] = maps.map(|map| trial.fit(&flat, map));
+        let [fit, shifted] = maps.map(|map| trial.fit(&trial.flattened(gaussians, map), map));
         Ok(fit?.zip(shifted?).map(|(fit, shifted)| [fit, shifted]))
     }
 
