@@ -6,7 +6,7 @@
 use std::borrow::Cow;
 use std::fmt;
 
-use image::imageops;
+use image::{ImageBuffer, Pixel, imageops};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sharp_metrics::{Mask, Picture};
@@ -112,13 +112,18 @@ impl Region {
         if *self == Self::whole(picture.dimensions()) {
             return Cow::Borrowed(picture);
         }
-        let (x, y, w, h) = (self.x, self.y, self.width, self.height);
         Cow::Owned(match picture {
-            Picture::Rgb8(image) => Picture::Rgb8(imageops::crop_imm(image, x, y, w, h).to_image()),
-            Picture::RgbF32(image) => {
-                Picture::RgbF32(imageops::crop_imm(image, x, y, w, h).to_image())
-            }
+            Picture::Rgb8(image) => Picture::Rgb8(self.part_of(image)),
+            Picture::RgbF32(image) => Picture::RgbF32(self.part_of(image)),
         })
+    }
+
+    /// Copies this region of a picture. The region must fit.
+    pub(crate) fn part_of<P: Pixel + 'static>(
+        &self,
+        image: &ImageBuffer<P, Vec<P::Subpixel>>,
+    ) -> ImageBuffer<P, Vec<P::Subpixel>> {
+        imageops::crop_imm(image, self.x, self.y, self.width, self.height).to_image()
     }
 
     /// Crops a mask. The region must fit.

@@ -1,9 +1,10 @@
 //! Tries other readings of a Gaussian file on a small part of its source photograph. A reading is an interpretation of
 //! the file's numbers and of its space, see [`FileReading`].
 
+mod flattened;
+
 use glam::{DAffine3, DVec3};
 use image::RgbImage;
-use image::imageops::crop_imm;
 use sharp::camera::Intrinsics;
 use sharp::gaussians::Gaussians;
 use sharp::ply::{
@@ -15,7 +16,6 @@ use sharp::render::{PrincipalPoint, RenderError, RenderOutput, RenderView, Rule}
 
 use super::footprint::mean_area;
 use super::likeness::Likeness;
-use super::registration::shift;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 use crate::rendering::SharedRenderer;
@@ -36,11 +36,9 @@ const RULED_OUT_LOSS_OF_LOG_DB: f64 = 3.0;
 const MAX_ERROR_ELSEWHERE: f64 = 1.1;
 /// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because other views must confirm it.
 const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
-/// A shift that gains at least this in the source, in dB, need not be confirmed in other views, where a shift of half a
-/// pixel hardly changes poor Gaussians.
+/// A shift that gains at least this in the source once the Gaussians are [flattened](Trial::flat_fits), in dB, need not be
+/// confirmed in other views, where a shift of half a pixel hardly changes poor Gaussians.
 const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 1.0;
-/// Ratio of the depths to which [`Trial::flattened`] moves Gaussians.
-const FLATTENED: f64 = 1.25;
 /// Another form of colours is preferred only if it gains at least this, in dB, because forms of colours may differ
 /// merely in brightness and contrast.
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
@@ -386,57 +384,6 @@ impl Trial<'_> {
         }
         let (other, fit) = self.simplest(gaussians, reading, best, neighbours)?;
         Ok((other != *reading).then_some((other, fit)))
-    }
-
-    /// [`Trial::fit`] of the [flattened](Self::flattened) Gaussians as read and with the shift and the focal length of
-    /// `placement`. On a slanted surface, each Gaussian is covered by its nearer neighbours, which shifts even a correct
-    /// file by up to a pixel.
-    fn flat_fits(
-        &self,
-        gaussians: &Gaussians,
-        before: &FileReading,
-        placement: Placement,
-    ) -> Result<Option<[Likeness; 2]>, RenderError> {
-        let trial = self.under(before);
-        let maps = [before.placement, placement].map(|place| place.camera_from_file(self.source));
-        let [fit, shifted] = maps.map(|map| trial.fit(&trial.flattened(gaussians, map), map));
-        Ok(fit?.zip(shifted?).map(|(fit, shifted)| [fit, shifted]))
-    }
-
-    /// The Gaussians that this part shows, each moved along its ray and scaled to the nearest of a few depths, so that
-    /// neighbours on a surface mostly share a depth and cover each other in random order.
-    fn flattened(&self, gaussians: &Gaussians, camera_from_file: DAffine3) -> Gaussians {
-        let seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
-        let mut flat = gaussians.subset(&seen.members);
-        let eye = camera_from_file.inverse().translation;
-        for (mean, scales) in flat.means.iter_mut().zip(&mut flat.scales) {
-            let place = DVec3::from(mean.map(f64::from));
-            let z = camera_from_file.transform_point3(place).z;
-            let factor = FLATTENED.powf(z.log(FLATTENED).round()) / z;
-            *mean = (eye + factor * (place - eye)).as_vec3().to_array();
-            *scales = scales.map(|scale| (f64::from(scale) * factor) as f32);
-        }
-        flat
-    }
-
-    /// Shift (pixels) that aligns a rendering of the [flattened](Self::flattened) Gaussians with this part.
-    pub(in crate::evaluate) fn flat_shift(
-        &self,
-        gaussians: &Gaussians,
-        camera_from_file: DAffine3,
-    ) -> Result<[f64; 2], RenderError> {
-        let flat = self.flattened(gaussians, camera_from_file);
-        let Some(output) = self.rendered(&flat, camera_from_file)? else {
-            return Ok([0.0; 2]);
-        };
-        let Region {
-            x,
-            y,
-            width,
-            height,
-        } = self.region;
-        let part = crop_imm(self.photograph, x, y, width, height).to_image();
-        Ok(shift(&part, &self.renderer.picture(&output)))
     }
 
     /// Reverts each changed setting that is not needed: without it, the reading is not significantly worse, so it only

@@ -11,7 +11,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
 
 use image::RgbImage;
-use image::imageops::crop_imm;
 use sharp::color::{Quantization, linear_from_srgb};
 use sharp::gaussians::Gaussians;
 use sharp::ply::{ColorSpace, StoredForm, StoredScales, check_stored};
@@ -272,13 +271,7 @@ impl<'a> Findings<'a> {
     ) -> Result<Self, RenderError> {
         let (photograph, region, gaussians) =
             (trial.photograph, trial.region, &prediction.gaussians);
-        let Region {
-            x,
-            y,
-            width,
-            height,
-        } = region;
-        let shown = crop_imm(&seen.picture, x, y, width, height).to_image();
+        let shown = region.part_of(&seen.picture);
         let as_read = Likeness::of(photograph, region, &shown);
         let is_right = as_read.psnr() >= RIGHT_DB;
         let is_lost = shows_nothing(photograph, &seen.over_mean);
@@ -412,7 +405,7 @@ impl<'a> Findings<'a> {
                     format!("with {named}, they reach {:.2} dB", fit.psnr())
                 } else {
                     format!(
-                        "{named} fits better, except on slanted surfaces, where nearer Gaussians cover others"
+                        "{named} fits better where surfaces face the camera; on slanted ones, nearer Gaussians hide it"
                     )
                 };
                 let text = format!("{shown}{holes}; {mended}");

@@ -325,7 +325,7 @@ fn drawn(tile: &Tile, medium: &SheetMedium) -> DrawnTile {
     let width = (size.0.saturating_sub((n - 1) * medium.gap) / n).max(1);
     let (mut frames, mut parts) = (Vec::new(), Vec::new());
     for (crop, ink) in crops.iter().zip(medium.colours.iter().cycle()) {
-        let part = imageops::crop_imm(picture, crop.x, crop.y, crop.width, crop.height).to_image();
+        let part = crop.part_of(picture);
         let height = f64::from(width) * f64::from(crop.height) / f64::from(crop.width);
         let size = (width, (height.round() as u32).max(1));
         parts.push(Shown {

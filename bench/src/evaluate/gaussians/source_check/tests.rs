@@ -837,8 +837,8 @@ fn another_view_as_the_source_is_named_and_not_called_a_shift() {
     assert!(!text.contains("` and `"), "{text}");
 }
 
-/// Nearer Gaussians cover farther ones, which shifts the rendering of a correct file upwards. A file that is shifted by
-/// another half a pixel is reported; a focal length would move this part of a floor alike.
+/// Nearer Gaussians cover farther ones, which moves the rendering of a correct file up. A file whose Gaussians are
+/// half a pixel too high is reported, as a shift or as a focal length, which look the same in this part of a floor.
 #[test]
 fn a_shift_by_the_order_of_depths_is_not_named_and_a_wrong_file_is() {
     let pair = Pair::floor();
