@@ -17,7 +17,7 @@ mod png_chunks;
 mod profile;
 mod rules;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::io::{BufRead, Cursor, Read, Seek};
 
 use exif::{In, Tag, Value};
@@ -79,6 +79,11 @@ pub enum ImageFileError {
         bits: u32,
         factor: u32,
     },
+    #[error(
+        "its 16-bit values are multiples of 256, as if 8-bit values had been multiplied by 256 instead of 257, which \
+         darkens them by 0.4 %; store the 8-bit values"
+    )]
+    Shifted,
     #[error(transparent)]
     Decoder(#[from] image::ImageError),
 }
@@ -382,12 +387,14 @@ fn open<'a>(
     Ok((Box::new(decoder), header))
 }
 
-/// Pictures with fewer pixels are not checked for unscaled 16-bit levels.
+/// Pictures with fewer pixels are not checked for wrongly scaled 16-bit levels.
 const FEWEST_PIXELS: u32 = 256;
+/// Multiples of 256 are no accident if a picture has at least this many of them.
+const FEWEST_LEVELS: usize = 8;
 
-/// Rejects 16-bit pictures that are nearly black because their values have only 8 to 12 bits.
-/// Accepts dark pictures converted from 8 bits, whose values are multiples of 257, and pictures
-/// with too few pixels to judge.
+/// Rejects 16-bit pictures that are nearly black because their values have only 8 to 12 bits, and those whose 8-bit values
+/// were multiplied by 256. Accepts pictures converted from 8 bits properly, whose values are multiples of 257, and
+/// pictures with too few pixels or levels to judge.
 fn refuse_unscaled(image: &DynamicImage) -> Result<(), ImageFileError> {
     let (values, has_alpha, channels) = match image {
         DynamicImage::ImageLuma16(image) => (image.as_raw(), false, 1),
@@ -409,6 +416,10 @@ fn refuse_unscaled(image: &DynamicImage) -> Result<(), ImageFileError> {
             bits,
             factor: 65_535 / ((1 << bits) - 1),
         });
+    }
+    let is_shifted = is_picture && colors().all(|value| value % 256 == 0);
+    if is_shifted && colors().collect::<HashSet<_>>().len() >= FEWEST_LEVELS {
+        return Err(ImageFileError::Shifted);
     }
     Ok(())
 }

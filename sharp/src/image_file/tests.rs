@@ -212,9 +212,18 @@ fn values_of_fewer_bits_in_sixteen_are_refused_and_dark_pictures_are_not() {
             "{error}"
         );
     }
+    let error = picture(256 * 255, 256).unwrap_err();
+    assert!(error.contains("store the 8-bit values"), "{error}");
     // Converted from 8 bits; full range; black; levels of more than 12 bits; levels of fewer than
-    // 8.
-    for (highest, step) in [(257 * 9, 257), (65_535, 257), (0, 1), (5000, 17), (60, 1)] {
+    // 8; few levels.
+    for (highest, step) in [
+        (257 * 9, 257),
+        (65_535, 257),
+        (0, 1),
+        (5000, 17),
+        (60, 1),
+        (5 * 8192, 8192),
+    ] {
         assert!(picture(highest, step).is_ok(), "{highest}");
     }
 }
