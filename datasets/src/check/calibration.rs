@@ -23,8 +23,8 @@ pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
     let share = outside as f64 / disparities.len().max(1) as f64;
     (share > MAX_OUTSIDE).then(|| {
         format!(
-            "{:.0} % of the disparities lie outside the range from {} to {} pixels that {} states; perhaps it is the \
-             calibration of another scene or picture size; if so, replace it with this scene's own",
+            "{:.0} % of the disparities lie outside the range from {} to {} pixels that {} states; perhaps `vmin` and \
+             `vmax`, or the whole calibration, are those of another scene or picture size; correct them",
             100.0 * share,
             number(low),
             number(high),
