@@ -118,7 +118,7 @@ pub(crate) fn pairs(case: &mut Case) -> Result<Verdict, String> {
     if manifest["pairs"]["listed"].as_u64() == Some(rows(&case.path("r/pairs.csv"))?.len() as u64) {
         Ok(verdict)
     } else {
-        Err("the manifest states another number of pairs than pairs.csv has".to_owned())
+        Err("the manifest and pairs.csv differ in their numbers of pairs".to_owned())
     }
 }
 

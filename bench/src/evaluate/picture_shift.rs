@@ -43,8 +43,8 @@ const MAX_MEAN_SQUARE: f64 = 1.2;
 const MIN_EDGES: u32 = 500;
 
 /// The least-squares problem of a picture's shift, divided by the number of edges: the elements xx, xy and yy of the
-/// normal equations' matrix, their right-hand side x and y in pixels, and the sum of squared displacements in pixels
-/// squared, which is the error without a shift.
+/// matrix and x and y of the right-hand side (pixels) of its normal equations, and the sum of squared displacements
+/// (pixels squared), which is the error without a shift.
 pub(super) type ShiftEquations = [f32; 6];
 
 /// Measures the shift of a picture across its epipolar lines. `None` if its size differs from that of its target's

@@ -14,8 +14,8 @@ const WRAPPERS: [&str; 4] = [
 
 impl Checkpoint {
     /// Removes wrapper prefixes and wrapper components from all tensor names. A name's prefix is everything before one
-    /// of `roots`, the first components of the network's own names; none of them may be a wrapper's. Returns what was
-    /// removed (`module._orig_mod.`), if anything.
+    /// of `roots`, which are the first components of the network's own names and must not contain a wrapper's name.
+    /// Returns what was removed (`module._orig_mod.`), if anything.
     ///
     /// # Errors
     /// All prefixes found, sorted, if there is more than one, or if two tensors would get the same name.

@@ -42,7 +42,7 @@ pub(super) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
         args.out.display()
     );
     let network = args.model.load_depth_pro()?;
-    for_each(args, &outputs, "depth was", |image, out| {
+    for_each(args, &outputs, |image, out| {
         predict_one(args, &network, image, out, form)
     })
 }

@@ -103,17 +103,16 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
         model.checkpoint = Some("mini".into());
     }
     let predictor = model.load()?;
-    for_each(args, &outputs, "Gaussians were", |image, ply| {
+    for_each(args, &outputs, |image, ply| {
         predict_one(args, &predictor, image, ply)
     })
 }
 
-/// Runs `predict` for each photograph and its output, and prints the results as JSON if requested. If every photograph
-/// fails, the error is "no {were_what} predicted", where `were_what` is for example "Gaussians were".
+/// Runs `predict` for each photograph and its output, and prints the results as JSON if requested. An error only if every
+/// photograph fails.
 pub(super) fn for_each(
     args: &PredictArgs,
     outputs: &[PathBuf],
-    were_what: &str,
     predict: impl Fn(&Path, &Path) -> anyhow::Result<Value>,
 ) -> anyhow::Result<Outcome> {
     let mut results = Vec::new();
@@ -132,10 +131,7 @@ pub(super) fn for_each(
     if args.json {
         output::json(&results)?;
     }
-    ensure!(
-        !results.is_empty(),
-        "no {were_what} predicted: all {failed} photographs failed"
-    );
+    ensure!(!results.is_empty(), "all {failed} photographs failed");
     if failed > 0 {
         output::remark(format!(
             "{failed} of {} photographs failed",

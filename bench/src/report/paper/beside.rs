@@ -9,8 +9,8 @@ use crate::report::tables::Table;
 
 use super::{TABLES, column};
 
-/// The paper's tables over its six datasets. With [`PublishedNumbers::Matching`], they have only the columns of the
-/// run's datasets, and tables that have none of the run's metrics are left out.
+/// The paper's tables over its six datasets. [`PublishedNumbers::Matching`] limits them to the run's own datasets and
+/// metrics.
 pub fn beside(board: &Board<'_>, metrics: &[Column], which: PublishedNumbers) -> Vec<Table> {
     let columns = super::columns();
     let mut wanted: Vec<usize> = match which {
