@@ -10,7 +10,7 @@ use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
 /// Factors of standard deviations to try.
-const WIDTHS: [f64; 8] = [1.0 / 3.0, 0.1, 0.01, 0.001, 3.0, 10.0, 100.0, 1000.0];
+const WIDTHS: [f64; 9] = [1.0 / 3.0, 0.1, 0.01, 0.001, 2.0, 3.0, 10.0, 100.0, 1000.0];
 /// Narrower standard deviations are reported only if they gain at least this, in dB. Crude but correct Gaussians gain
 /// less.
 const MIN_NARROWER_GAIN_DB: f64 = 4.0;

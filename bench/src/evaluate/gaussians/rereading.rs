@@ -69,6 +69,8 @@ pub(in crate::evaluate) struct Trial<'a> {
     pub(in crate::evaluate) source: &'a PosedCamera,
     pub(in crate::evaluate) photograph: &'a RgbImage,
     pub(in crate::evaluate) region: Region,
+    /// By how much the photograph was moved to the right and down, in pixels.
+    pub(in crate::evaluate) moved: [f64; 2],
     pub(in crate::evaluate) renderer: &'a SharedRenderer,
     pub(in crate::evaluate) rule: Option<Rule>,
 }
@@ -90,29 +92,37 @@ impl Trial<'_> {
         }
     }
 
-    /// The point of the whole picture that the rule takes as its principal point, in pixels.
+    /// The point of the whole photograph that the rule takes as its principal point, in pixels.
     pub(in crate::evaluate) fn principal_point(&self) -> [f64; 2] {
         let k = self.source.intrinsics;
-        match self.rule.map(|rule| rule.principal_point) {
+        let [x, y] = match self.rule.map(|rule| rule.principal_point) {
             Some(PrincipalPoint::Ignored) => [k.width, k.height].map(|side| f64::from(side) / 2.0),
             _ => [k.cx, k.cy],
-        }
+        };
+        [x + self.moved[0], y + self.moved[1]]
+    }
+
+    /// By how much the camera's principal point is to the right of, and below, the one that the rule takes, in pixels.
+    fn ignored_offset(&self) -> [f64; 2] {
+        let k = self.source.intrinsics;
+        let [x, y] = self.principal_point();
+        [k.cx + self.moved[0] - x, k.cy + self.moved[1] - y]
     }
 
     /// The rule with the camera's principal point, if the rule ignores it and it is over a pixel off the picture's
     /// centre.
     fn general_rule(&self) -> Option<Rule> {
-        let k = self.source.intrinsics;
-        let [x, y] = self.principal_point();
-        let is_off = (x - k.cx).abs().max((y - k.cy).abs()) > 1.0;
+        let is_off = self
+            .ignored_offset()
+            .into_iter()
+            .any(|offset| offset.abs() > 1.0);
         self.rule.filter(|_| is_off).map(general)
     }
 
     /// Whether a shift is, to within a pixel, the offset of an ignored principal point from the picture's centre.
     fn is_ignored_offset(&self, shift: [f64; 2]) -> bool {
-        let k = self.source.intrinsics;
-        let [x, y] = self.principal_point();
-        (shift[0] - (k.cx - x)).abs() <= 1.0 && (shift[1] - (k.cy - y)).abs() <= 1.0
+        let offset = self.ignored_offset();
+        (shift[0] - offset[0]).abs() <= 1.0 && (shift[1] - offset[1]).abs() <= 1.0
     }
 
     fn intrinsics(&self) -> Intrinsics {
@@ -159,8 +169,7 @@ impl Trial<'_> {
         mean_area(&gaussians.subset(&seen.members), &view)
     }
 
-    /// Compares a rendering of the `gaussians` with this trial's part of the photograph. `None` if none reaches it, or if
-    /// more than [`MAX_LAYERS`] cover a pixel on average.
+    /// Compares [`Trial::rendered`] with this trial's part of the photograph.
     pub(in crate::evaluate) fn fit(
         &self,
         gaussians: &Gaussians,
@@ -174,7 +183,7 @@ impl Trial<'_> {
     }
 
     /// Share of this trial's part of the photograph that the `gaussians` cover.
-    fn covered(
+    pub(in crate::evaluate) fn covered(
         &self,
         gaussians: &Gaussians,
         camera_from_file: DAffine3,
@@ -204,7 +213,9 @@ impl Trial<'_> {
         Ok(is_whole)
     }
 
-    fn rendered(
+    /// Renders the `gaussians` that reach this part of the photograph. `None` if none does, or if more than [`MAX_LAYERS`]
+    /// cover a pixel on average.
+    pub(in crate::evaluate) fn rendered(
         &self,
         gaussians: &Gaussians,
         camera_from_file: DAffine3,

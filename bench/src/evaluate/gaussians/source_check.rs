@@ -58,6 +58,9 @@ const MIN_HOLES: f64 = 0.02;
 /// Other readings are tried only on photographs with at least this many pixels; smaller ones do not show a Gaussian's
 /// shape.
 const FEWEST_PIXELS: usize = 1200;
+/// Gaussians that cover less than this fraction of their pixels if the pixels are moved by half a pixel are narrower than
+/// the distance of pixels. Their rendering into the source shows neither their shape nor their size.
+const MIN_COVERED_BETWEEN: f64 = 0.9;
 /// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
 /// A warning is given only if each Gaussian covers at least this share of the picture on average, because millions of
@@ -84,13 +87,14 @@ pub(in crate::evaluate) struct SourceFacts {
 
 /// A prediction rendered into its own source.
 struct SeenSource {
+    /// The rendering, or that of the photograph moved by half a pixel, see [`MIN_COVERED_BETWEEN`].
     picture: RgbImage,
     depth: DepthMap,
     /// The rendering over the photograph's mean colour, in place of the background.
     over_mean: RgbImage,
     /// Result of [`missing_share`].
     missing: Option<f64>,
-    /// Share of the pixels with alpha below [`HOLE_ALPHA`](crate::rendering::shared::HOLE_ALPHA).
+    /// Share of the pixels of `picture` with alpha below [`HOLE_ALPHA`](crate::rendering::shared::HOLE_ALPHA).
     holes: f64,
     is_blurred: bool,
 }
@@ -122,7 +126,7 @@ pub(in crate::evaluate) fn check_source(
         ColorSpace::Linear => linear_from_srgb(level as f32 / 255.0),
         ColorSpace::Srgb => level as f32 / 255.0,
     });
-    let seen = SeenSource {
+    let mut seen = SeenSource {
         picture,
         depth: surface_depth(&output),
         missing: missing_share(photograph, &output.alpha),
@@ -150,23 +154,41 @@ pub(in crate::evaluate) fn check_source(
     else {
         return Ok(facts);
     };
-    let trial = Trial {
+    let mut trial = Trial {
         source: camera,
         photograph,
         region: window(photograph),
+        moved: [0.0; 2],
         renderer,
         rule: prediction.rule,
     };
+    let is_tried = source.is_chosen && photograph.pixels().len() >= FEWEST_PIXELS;
+    let between = between_pixels(photograph);
+    let moved = Trial {
+        photograph: &between,
+        moved: [0.5; 2],
+        ..trial
+    };
+    let gaussians = &prediction.gaussians;
+    if is_tried
+        && moved.covered(gaussians, as_given)?
+            < MIN_COVERED_BETWEEN * trial.covered(gaussians, as_given)?
+        && let Some(output) = moved.whole().rendered(gaussians, as_given)?
+    {
+        trial = moved;
+        seen.picture = renderer.picture(&output);
+        seen.holes = hole_share(&output.alpha);
+    }
     for topic in prediction.warnings.keys() {
         let mut other = reading;
         if let Some((key, value)) = topic.split_once('=')
             && other.set(key, value).is_ok()
-            && !trial.allows(&other, &prediction.gaussians, &reading)?
+            && !trial.allows(&other, gaussians, &reading)?
         {
             facts.warnings.remove(topic);
         }
     }
-    if source.is_chosen && photograph.pixels().len() >= FEWEST_PIXELS {
+    if is_tried {
         add_doubts(
             &mut facts.warnings,
             prediction,
@@ -312,8 +334,13 @@ impl<'a> Findings<'a> {
         } else {
             format!("{}x{} pixels of ", region.width, region.height)
         };
+        let between = if trial.moved == [0.0; 2] {
+            ""
+        } else {
+            " between the centres of its pixels"
+        };
         let shown = format!(
-            "its Gaussians show {of_part}the photograph they were predicted from at {:.2} dB PSNR ({})",
+            "its Gaussians show {of_part}the photograph they were predicted from at {:.2} dB PSNR{between} ({})",
             as_read.psnr(),
             trial.source.id
         );
@@ -463,7 +490,12 @@ fn add_doubts(
     trial: &Trial<'_>,
 ) -> Result<(), RenderError> {
     let gaussians = &prediction.gaussians;
-    let others = other_views(source.camera, source.scene, trial.photograph.dimensions());
+    let mut others = other_views(source.camera, source.scene, trial.photograph.dimensions());
+    if trial.moved != [0.0; 2] {
+        others
+            .iter_mut()
+            .for_each(|(_, photograph)| *photograph = between_pixels(photograph));
+    }
     let elsewhere = others.iter().map(|(source, photograph)| Trial {
         source,
         photograph,
@@ -494,8 +526,11 @@ fn add_doubts(
             )
         }))
     };
-    // A setting that explains little may only compensate for wrong standard deviations.
-    let is_weak = |(_, fit): &(FileReading, Likeness)| fit.psnr() < found.compared.psnr() + WEAK_DB;
+    // A setting that explains little, or another form of scales, may only compensate for wrong standard deviations.
+    let is_weak = |(better, fit): &(FileReading, Likeness)| {
+        fit.psnr() < found.compared.psnr() + WEAK_DB
+            || matches!(better.changes_from(reading)[..], [("scales", _)])
+    };
     if found.better.as_ref().is_some_and(is_weak)
         && let Some(text) = other_widths()?
     {
@@ -546,6 +581,19 @@ fn is_confirmed(
         return Ok(true);
     };
     Ok(other.error() < as_read.error())
+}
+
+/// The photograph moved by half a pixel to the right and down; its first row and column are repeated.
+fn between_pixels(photograph: &RgbImage) -> RgbImage {
+    let (width, height) = photograph.dimensions();
+    RgbImage::from_fn(width, height, |x, y| {
+        let (left, above) = (x.saturating_sub(1), y.saturating_sub(1));
+        let four = [(left, above), (x, above), (left, y), (x, y)];
+        let four = four.map(|(x, y)| photograph.get_pixel(x, y).0);
+        let mean =
+            |channel: usize| (four.iter().map(|p| u32::from(p[channel])).sum::<u32>() + 2) / 4;
+        image::Rgb([0, 1, 2].map(|channel| mean(channel) as u8))
+    })
 }
 
 /// Whether Gaussians over the photograph's mean colour are no closer to the photograph than that colour alone. Correct

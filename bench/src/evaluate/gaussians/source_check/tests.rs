@@ -632,6 +632,12 @@ fn means_scaled_without_their_deviations_are_named_by_their_overlap() {
     assert!(text.contains("0.333 times as wide"), "{text}");
     let text = said(&sparse, 1.0 / 3.0);
     assert!(text.contains("3 times as wide"), "{text}");
+    // Each pixel's centre shows the colour of its own Gaussian, however narrow.
+    for (factor, wider) in [(0.1, "10"), (0.01, "100")] {
+        let text = said(&dense, factor);
+        let named = format!("with standard deviations {wider} times as wide");
+        assert!(text.contains(&named), "{factor}: {text}");
+    }
     for factor in [0.7, 1.0, 1.5] {
         for right in [&dense, &sparse] {
             assert_eq!(said(right, factor), "", "{factor}");
