@@ -17,13 +17,15 @@ const MIN_SHIFT: f64 = 0.35;
 /// A shift is reported only if no component is larger than this, in pixels. The framing check finds larger ones.
 const MAX_SHIFT: f64 = 1.5;
 /// A shift is reported only if at least this many pictures agree on it.
-const MIN_PICTURES: usize = 5;
+const MIN_PICTURES: usize = 3;
+/// A shift is reported only if the shares that it explains in the pictures that agree, see [`MIN_EXPLAINED`], add up to
+/// at least this: three pictures that show it well count as much as six that hardly do.
+const MIN_SUM_OF_SHARES: f64 = 0.5;
 /// A shift is reported only if at least this share of the pictures agree on it.
 const MIN_SHARE: f64 = 0.65;
-/// Pictures are counted only if their evidence across the shift is at least this, per edge.
-const MIN_SEEN: f64 = 0.1;
-/// A picture agrees with a shift that explains at least this share of the squared displacements of its edges. In good
-/// predictions, half a pixel explains a third and more; without a shift, the best one explains a few hundredths.
+/// A picture counts if a shift could explain at least this share of the squared displacements of its edges, and agrees
+/// with a shift that does explain that share. In good predictions, half a pixel explains a third and more; without a
+/// shift, the best one explains a few hundredths.
 const MIN_EXPLAINED: f64 = 0.08;
 /// A direction is measured only if at least this share of the evidence is across it.
 const MIN_EVIDENCE: f64 = 0.1;
@@ -36,9 +38,9 @@ const MAX_SINE: f64 = 0.15;
 const MAX_MOVED: f64 = 3.0;
 /// Number of parts across and down that are assumed to have equally wrong depths.
 const PARTS: u32 = 12;
-/// A picture is measured only if the mean squared displacement of its edges is at most this, in pixels squared. In poor
-/// predictions, edges are matched with others.
-const MAX_MEAN_SQUARE: f64 = 1.2;
+/// A picture is measured only if the mean squared displacement of its edges is at most this, in pixels squared, apart
+/// from what a shift of its own explains. In poor predictions, edges are matched with others.
+const MAX_MEAN_SQUARE: f64 = 1.0;
 /// A picture is measured only if it has at least this many edges.
 const MIN_EDGES: u32 = 500;
 
@@ -95,7 +97,8 @@ pub(super) fn shift_equations(
     }
     let sums = parts.iter().map(PartSums::equations).fold([0.0; 6], added);
     let means = sums.map(|v| v / f64::from(edges.max(1)));
-    (edges >= MIN_EDGES && means[5] <= MAX_MEAN_SQUARE).then(|| means.map(|v| v as f32))
+    let left = means[5] - explained(&means, solved(means));
+    (edges >= MIN_EDGES && left <= MAX_MEAN_SQUARE).then(|| means.map(|v| v as f32))
 }
 
 fn added(all: [f64; 6], more: [f64; 6]) -> [f64; 6] {
@@ -164,22 +167,19 @@ pub(super) fn shifted_pictures(group: &PictureGroup<'_, &Record>) -> Option<Stri
     let measured = group.pictures.iter().filter_map(|record| record.shift);
     let measured: Vec<[f64; 6]> = measured.map(|of| of.map(f64::from)).collect();
     let shift = solved(measured.iter().copied().fold([0.0; 6], added));
-    let matrix = |[xx, xy, yy, ..]: [f64; 6]| DMat2::from_cols_array(&[xx, xy, xy, yy]);
-    // The others have their epipolar lines along the shift.
-    let is_seen =
-        |of: &[f64; 6]| shift.dot(matrix(*of) * shift) >= MIN_SEEN * shift.length_squared();
-    let seen: Vec<[f64; 6]> = measured.into_iter().filter(is_seen).collect();
-    let is_explained = |of: &&[f64; 6]| {
-        let [.., x, y, squares] = **of;
-        let explained = shift.dot(2.0 * DVec2::new(x, y) - matrix(**of) * shift);
-        explained >= MIN_EXPLAINED * squares
-    };
-    let (count, all) = (seen.iter().filter(is_explained).count(), seen.len());
+    // The others have their epipolar lines along the shift, or are too poor to show it.
+    let seen = measured
+        .iter()
+        .filter(|of| shift.dot(matrix(of) * shift) >= MIN_EXPLAINED * of[5]);
+    let shares: Vec<f64> = seen.map(|of| explained(of, shift) / of[5]).collect();
+    let agreeing = || shares.iter().filter(|share| **share >= MIN_EXPLAINED);
+    let (count, all) = (agreeing().count(), shares.len());
     let size = shift.abs().max_element();
     // Avoids "-0.0".
     let [x, y] = shift.to_array().map(|v| (10.0 * v).round() / 10.0 + 0.0);
     let is_found = count >= group.extent.fewest(MIN_PICTURES)
         && count as f64 >= group.extent.share(MIN_SHARE) * all as f64
+        && agreeing().sum::<f64>() >= MIN_SUM_OF_SHARES
         && (MIN_SHIFT..=MAX_SHIFT).contains(&size);
     is_found.then(|| {
         format!(
@@ -190,6 +190,15 @@ pub(super) fn shifted_pictures(group: &PictureGroup<'_, &Record>) -> Option<Stri
             group.name
         )
     })
+}
+
+/// How much a shift reduces the sum of squared displacements.
+fn explained(of: &[f64; 6], shift: DVec2) -> f64 {
+    shift.dot(2.0 * DVec2::new(of[3], of[4]) - matrix(of) * shift)
+}
+
+fn matrix([xx, xy, yy, ..]: &[f64; 6]) -> DMat2 {
+    DMat2::from_cols_array(&[*xx, *xy, *xy, *yy])
 }
 
 /// The shift that solves the equations; zero along directions without evidence.
@@ -253,7 +262,13 @@ mod tests {
 
     #[test]
     fn shifts_of_half_a_pixel_are_told() {
-        for by in [[0.5, 0.5], [-0.5, 0.5], [0.0, -0.6]] {
+        for by in [
+            [0.5, 0.5],
+            [-0.5, 0.5],
+            [0.0, -0.6],
+            [1.0, 1.0],
+            [1.0, -1.0],
+        ] {
             let told = told(false, PLANE, |_| by).unwrap_or_else(|| panic!("{by:?}"));
             let (_, numbers) = told.split_once('(').unwrap();
             let (numbers, _) = numbers.split_once(')').unwrap();
@@ -279,7 +294,11 @@ mod tests {
                 DVec3::new(0.06, 0.12, 0.4),
                 DVec3::new(-0.2, 0.5, 0.4),
             ] {
-                assert_eq!(told(is_stereo, plane, |_| [0.0; 2]), None);
+                assert_eq!(
+                    told(is_stereo, plane, |_| [0.0; 2]),
+                    None,
+                    "{is_stereo} {plane}"
+                );
                 let alternating = |k: usize| [0.0, if k.is_multiple_of(2) { 0.6 } else { -0.6 }];
                 assert_eq!(told(is_stereo, plane, alternating), None);
                 assert_eq!(told(is_stereo, plane, |_| [0.1, 0.2]), None);
