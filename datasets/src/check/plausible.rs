@@ -9,7 +9,7 @@ use super::advice::{DEPTHS_M, Units, number};
 use crate::View;
 
 /// Plausible focal lengths, in widths of the picture.
-const FOCAL_WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
+pub(super) const FOCAL_WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
 /// A principal point is implausible if it is farther than this from the centre, in widths and heights of the picture. A
 /// centred point that was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;

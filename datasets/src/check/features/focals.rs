@@ -6,6 +6,7 @@ use sharp::camera::{Intrinsics, RigidTransform};
 use super::super::advice::number;
 use super::super::change::{Change, Focal};
 use super::super::convention::CONVENTIONS;
+use super::super::plausible::FOCAL_WIDTHS;
 use super::super::search::{is_reportable, least};
 use super::super::small_view::ray;
 use super::{CLOSE, MIN_MORE, Matches, compared, miss, pixel, share};
@@ -13,8 +14,8 @@ use crate::View;
 
 /// Other focal lengths are reported only if they explain at least this fraction of the matches.
 const MIN_OF_FOCALS: f64 = 0.85;
-/// Number of focal lengths tried in each direction (up to a factor of 2), then the ratio between consecutive ones.
-const FOCALS: (i32, f64) = (20, 1.0353);
+/// Number of focal lengths tried in each direction (up to a factor of 6), then the ratio between consecutive ones.
+const FOCALS: (i32, f64) = (52, 1.0353);
 /// For fx or fy alone, the factor that makes pixels square is preferred to the best-fitting one. The fraction of
 /// matches that it explains may be lower by at most this.
 const MAX_LOST_BY_SQUARE: f64 = 0.03;
@@ -56,8 +57,15 @@ impl Matches<'_> {
         let found = Focal::ALL.iter().filter_map(|which| {
             let with = |factor| self.with_focals(|_| which.times(factor));
             let explained = |factor| with(factor).explained(CONVENTIONS[0].take, &Some);
+            let is_plausible = |factor| {
+                FOCAL_WIDTHS.contains(&(first.fx * which.times(factor).x / f64::from(first.width)))
+            };
             let best = least(FOCALS.0, FOCALS.1, &|factor, _| {
-                with(factor).mean_miss(CONVENTIONS[0].take)
+                if is_plausible(factor) {
+                    with(factor).mean_miss(CONVENTIONS[0].take)
+                } else {
+                    f64::INFINITY
+                }
             });
             // One focal length alone is measured less exactly, but usually equals the other.
             let square = match which {
@@ -191,7 +199,7 @@ mod tests {
         let (said, note) = read(&matches, &views, DVec2::ONE);
         assert!(said.is_none() && note.ends_with("lines"), "{said:?} {note}");
         for which in Focal::ALL {
-            for factor in [0.5, 0.75, 1.25, 2.0] {
+            for factor in [0.225, 0.5, 0.75, 1.25, 2.0, 4.0] {
                 let (said, _) = read(&matches, &views, which.times(factor));
                 let name = ["the focal length", "fx", "fy"][which as usize];
                 let part = format!("{name} should be {} times", number(1.0 / factor));
