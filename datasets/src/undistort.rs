@@ -223,7 +223,8 @@ impl Undistortion {
         DepthMap::from_vec(width, height, depths.collect()).unwrap_or_default()
     }
 
-    /// A picture in which each pixel is computed from its position in the stored one.
+    /// The pinhole picture. `pixel` computes each pixel from its position in the stored picture, or from `None` if the
+    /// lens does not see it.
     fn gathered<P>(
         &self,
         pixel: impl Fn(Option<DVec2>) -> P + Sync,

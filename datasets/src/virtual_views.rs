@@ -75,8 +75,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "depth",
-            "folder with a depth map of each photograph, NAME.exr, .npy, .npz or .pfm in metres or .png in \
-             millimetres, as `predict --depth-only` writes them; methods that use true depth \
+            "folder with a depth map of each photograph: NAME.exr, .npy, .npz or .pfm (metres), or NAME.png \
+             (millimetres), as `predict --depth-only` writes them; methods that use true depth \
              read it",
             "none",
         ),

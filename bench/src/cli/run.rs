@@ -79,7 +79,7 @@ pub(super) struct RunArgs {
     /// Number of threads; does not affect the results [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Count finished, failed and missing units (a unit is the result of one method on one pair), and evaluate nothing
+    /// Evaluate nothing; count finished, failed and missing results, one per method and pair
     #[arg(long)]
     dry_run: bool,
     /// Evaluate a few pairs, estimate the cost of all pairs (CPU time, memory, disk), and keep nothing

@@ -54,7 +54,7 @@ pub(super) struct SweepArgs {
     /// What each panel shows
     #[arg(long, value_enum, default_value_t)]
     split: Split,
-    /// Report the motion beyond which each method's mean is worse than a value; repeatable
+    /// Report the motion beyond which each method's mean is worse than VALUE; repeatable
     #[arg(long = "threshold", value_name = "METRIC=VALUE")]
     thresholds: Vec<Threshold>,
     /// Report the motion beyond which each method is worse than METHOD, over the pairs with scores of both

@@ -101,7 +101,7 @@ worded! {
              aspect)",
         /// The darkest and brightest levels became 0 and 255. The value is the gain in contrast, in percent.
         Stretched(i16) =
-            "had their levels stretched one by one, so that the darkest is 0 and the brightest 255 (`normalize=True` \
+            "were stretched separately, each so that its darkest level is 0 and its brightest 255 (`normalize=True` \
              of torchvision's save_image, for example); store the values as predicted",
         /// Three equal channels, although the photograph is coloured.
         Grey =

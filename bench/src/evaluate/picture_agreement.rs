@@ -310,7 +310,7 @@ mod tests {
         let stretched = |gain: i16| PictureChange::Stretched(gain);
         let said = told(&[stretched(110), stretched(120), stretched(140)], 6);
         assert!(
-            said[0].contains("levels stretched one by one") && said[0].contains("3 of 6"),
+            said[0].contains("were stretched separately") && said[0].contains("3 of 6"),
             "{said:?}"
         );
         for proper in [[strip(60), strip(20), strip(90)], [stretched(120); 3]] {

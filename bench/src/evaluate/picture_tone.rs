@@ -166,8 +166,7 @@ impl Curve {
     /// Completes the sentence "its pictures".
     fn text(self) -> String {
         let Self::Power { gains, gamma } = self else {
-            return "look as if they were tone mapped with x / (1 + x) of linear light (Reinhard), which turns the \
-                    photographs' levels into theirs"
+            return "look like the photographs after Reinhard's tone mapping (x / (1 + x) of linear light)"
                 .to_owned();
         };
         let [red, green, blue] = gains;

@@ -196,7 +196,8 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     }
 }
 
-/// The folder with the units that tables show: the common region's if there is one, otherwise `folder` itself.
+/// The folder with the units that tables show: that of the scores on the common region if the run has them, otherwise
+/// `folder`.
 pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
     if manifest.common_region {
         folder.common_region()

@@ -255,10 +255,10 @@ pub const KINDS: [MethodKind; 8] = [
 /// A method with its spec; `None` for a method passed in as code.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the methods; their labels must be unique. `chooser` picks the scale for methods that predict several.
+/// Builds the methods; their labels must be unique. Methods with `scales=` need a `chooser`, which selects among their
+/// predictions.
 ///
-/// Scores with `align=pose` say little without a comparison. Each such method is therefore also evaluated without it,
-/// even if that is not requested.
+/// A method with `align=pose` is also built without this setting, for comparison, even if that is not requested.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,

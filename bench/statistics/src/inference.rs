@@ -13,7 +13,7 @@ use crate::sign_flip::SignFlip;
 pub const ALPHA: f64 = 0.05;
 /// The power at which a difference counts as detectable.
 pub const POWER: f64 = 0.8;
-/// A dataset counts as large if it has at least this many effective clusters.
+/// The p and the interval of one dataset are resampled only if it has at least this many effective clusters.
 pub const MANY_CLUSTERS: f64 = 30.0;
 
 /// The method by which the interval and p were computed.

@@ -51,8 +51,8 @@ pub(super) enum Change {
     Registered(Registration),
     /// Pictures or depth maps are flipped; holds a description of the direction.
     Flipped(Part, &'static str),
-    /// Pictures fit under the other interpretation of their EXIF orientation, i.e. turned instead of as stored, or the
-    /// reverse. Holds the setting that selects it. Under both interpretations, pictures have the camera's size.
+    /// Pictures fit if their EXIF orientation is applied where it was ignored, or ignored where it was applied. Holds the
+    /// setting that does so. Pictures have the camera's size either way.
     Turned(&'static str),
 }
 

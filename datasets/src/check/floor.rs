@@ -96,7 +96,7 @@ pub(super) fn contradiction(
     let judged = residuals.iter().filter(can_be_judged).count();
     let misses = worst.misses_by().map_or(String::new(), |median| {
         format!(
-            ", and depth and poses predict positions {} away from them",
+            ", and depth and poses predict positions {} away from the matched features",
             if median.is_finite() {
 format!(
                     "{median:.1} pixels (the median, at a width of {WIDEST} or less; below 1 is usual)"
@@ -119,7 +119,7 @@ format!(
         )
     };
     Some(format!(
-        "{what}, and no known correction explains it; {lines}{misses}; this holds for {n} of the {judged} pairs of \
-         neighbouring views that can be judged; {causes}"
+        "{what}, and no known correction explains it; {lines}{misses}; {n} of the {judged} pairs of neighbouring views \
+         that can be judged show such contradictions; {causes}"
     ))
 }

@@ -266,8 +266,8 @@ impl Neighbours<'_> {
         })
     }
 
-    /// Evaluates the projections as if picture i had the parts `moves` of view `of(i)`. `None` for a projection if one
-    /// of its pictures has no such view, or if both have the same one.
+    /// Evaluates each projection as if the parts `moves` of picture i came from view `of(i)`. `None` if there is no such
+    /// view for one of the projection's pictures, or if it is the same view for both.
     fn in_order(
         &self,
         as_read: &[Explained],

@@ -8,7 +8,7 @@ use super::shapes::SurfaceShape;
 /// A shape that misses a bundle by less than this, in metres, still counts as touching it. Rounding errors are far
 /// smaller.
 const SLACK_M: f64 = 1e-7;
-/// Number of cells along each side of the sun's grid.
+/// Number of cells along each side of the grid that lists the objects between a point and the sun.
 const SUN_CELLS: usize = 40;
 /// Number of cells along each edge of a lamp's cube.
 const LAMP_CELLS: usize = 12;

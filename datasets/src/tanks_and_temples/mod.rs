@@ -35,7 +35,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     display_name: "Tanks and Temples",
     title: "Tanks and Temples, training set",
     page: "https://www.tanksandtemples.org/",
-    terms: "non-commercial research without redistribution; there is also a CC BY 4.0 notice",
+    terms: "non-commercial research without redistribution, although a CC BY 4.0 notice also exists",
     may_publish: false,
     download: "image sets of the seven training scenes, their SfM logs, alignments and laser scans",
     size: "1920x1080 pictures, several hundred per scene (Barn: 410), and the scans",
@@ -43,7 +43,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
              cameras.txt or .bin next to the log or in sparse/0, with images.* next to it if it has several cameras",
     paper_column: "Tanks and Temples",
     paper_overlap: PaperOverlap::Sparse,
-    caveat: "intrinsics were never published: add a COLMAP model, or accept a guess with intrinsics=0.7w or 0.6w",
+    caveat: "intrinsics were never published: add a COLMAP model, or accept a guessed focal length of 0.7 or 0.6 picture widths with intrinsics=0.7w or 0.6w",
     poses_are_matrices: true,
     settings: &[
         Setting::choice(

@@ -120,10 +120,10 @@ fn in_lanes(
     rayon::join(|| run(first, 0, a), || run(second, half, b));
 }
 
-/// The output rows that a layer computes next: those whose input rows are complete.
+/// The output rows that a layer computes next, i.e. whose input rows are complete.
 ///
-/// Except at the end of the picture, a layer with weights rounds them down to whole tiles, and waits until there are
-/// enough for a batch.
+/// For layers with weights, the end is rounded down to a whole tile, and the range is empty until it fills a batch.
+/// Neither applies at the end of the picture.
 fn ready(layer: &Layer, input: &Buffer, output: &Buffer, strip: usize) -> Range<usize> {
     let (first, MapSize { height, width, .. }) = (output.end(), output.size());
     let needs = |y: usize| layer.op.in_rows(y..y + 1, input.size().height);

@@ -26,7 +26,7 @@ pub(crate) struct GaussiansArgs {
 
 #[derive(Debug, Subcommand)]
 enum GaussiansCommand {
-    /// Show counts, histograms of opacity, scale and position, and whether positions can be metres
+    /// Show counts, histograms of opacity, scale and position, and whether positions are plausible as metres
     /// in camera space
     Info {
         /// The Gaussian file

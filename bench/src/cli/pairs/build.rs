@@ -32,8 +32,8 @@ pub(super) struct BuildArgs {
     /// File for the list; FILE.json next to the list records how the list was made
     #[arg(long, value_name = "FILE", required_unless_present = "ambiguity")]
     out: Option<PathBuf>,
-    /// Print how the number of pairs changes with each choice that the paper leaves open and with
-    /// each alternative reading of the datasets
+    /// Print how the number of pairs changes with each choice that the SHARP paper leaves open, and with each
+    /// alternative setting of the datasets
     #[arg(long, conflicts_with = "out")]
     ambiguity: bool,
     /// Print JSON

@@ -55,7 +55,8 @@ impl Layers {
         }
     }
 
-    /// One layer of a scene: an equal share of its Gaussians, by index. `None` if they cannot be divided equally.
+    /// One of the `LAYERS` equal parts into which a scene's Gaussians are split in their order; `None` if their number is
+    /// not divisible.
     pub(super) fn of(scene: &Gaussians, layer: usize) -> Option<Gaussians> {
         let size = scene.len() / LAYERS;
         scene

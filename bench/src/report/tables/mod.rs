@@ -51,7 +51,7 @@ pub struct Table {
     pub uncertainty: Option<Uncertainty>,
 }
 
-/// A condition under which numbers would be comparable digit by digit.
+/// A condition for comparing measured and published numbers digit by digit.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Condition {
     pub is_met: bool,

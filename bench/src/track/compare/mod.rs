@@ -427,7 +427,7 @@ fn chosen_methods(
         .find(|(old, new)| !a.contains_key(old) || !b.contains_key(new))
     {
         let reason = format!(
-            "--method {old}={new} names a method that its run does not have; {}",
+            "--method {old}={new}: run A must have {old}, and run B must have {new}; {}",
             sides()
         );
         return Err(CompareError::Methods(reason));
