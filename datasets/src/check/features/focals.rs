@@ -58,7 +58,10 @@ impl Matches<'_> {
             let with = |factor| self.with_focals(|_| which.times(factor));
             let explained = |factor| with(factor).explained(CONVENTIONS[0].take, &Some);
             let is_plausible = |factor| {
-                FOCAL_WIDTHS.contains(&(first.fx * which.times(factor).x / f64::from(first.width)))
+                let times = which.times(factor);
+                let both = [first.fx * times.x, first.fy * times.y].into_iter();
+                both.map(|focal| focal / f64::from(first.width))
+                    .all(|widths| FOCAL_WIDTHS.contains(&widths))
             };
             let best = least(FOCALS.0, FOCALS.1, &|factor, _| {
                 if is_plausible(factor) {
@@ -78,6 +81,7 @@ impl Matches<'_> {
             let factor = if is_square { square } else { best };
             let explained = explained(factor);
             let is_better = is_reportable(factor)
+                && is_plausible(factor)
                 && share(&explained) >= MIN_OF_FOCALS
                 && compared(as_read, &explained).is_some();
             let times = which.times(factor);
