@@ -23,9 +23,9 @@ const MIN_PICTURES: usize = 3;
 const MIN_SUM_OF_SHARES: f64 = 0.5;
 /// A shift is reported only if at least this share of the pictures agree on it.
 const MIN_SHARE: f64 = 0.65;
-/// A picture counts if a shift could explain at least this share of the squared displacements of its edges, and agrees
-/// with a shift that does explain that share. In good predictions, half a pixel explains a third and more; without a
-/// shift, the best one explains a few hundredths.
+/// A picture agrees with a shift that explains at least this share of the squared displacements of its edges. It counts
+/// only if the shift would explain that share in a picture with exactly this shift. In good predictions, half a pixel
+/// explains a third and more; without a shift, the best one explains a few hundredths.
 const MIN_EXPLAINED: f64 = 0.08;
 /// A direction is measured only if at least this share of the evidence is across it.
 const MIN_EVIDENCE: f64 = 0.1;

@@ -13,7 +13,8 @@ use crate::sign_flip::SignFlip;
 pub const ALPHA: f64 = 0.05;
 /// The power at which a difference counts as detectable.
 pub const POWER: f64 = 0.8;
-/// The p and the interval of one dataset are resampled only if it has at least this many effective clusters.
+/// Minimum number of effective clusters at which the p-value and the interval of a single dataset are computed by
+/// resampling.
 pub const MANY_CLUSTERS: f64 = 30.0;
 
 /// The method by which the interval and p were computed.

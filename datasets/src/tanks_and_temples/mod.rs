@@ -43,7 +43,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
              cameras.txt or .bin next to the log or in sparse/0, with images.* next to it if it has several cameras",
     paper_column: "Tanks and Temples",
     paper_overlap: PaperOverlap::Sparse,
-    caveat: "intrinsics were never published: add a COLMAP model, or accept a guessed focal length of 0.7 or 0.6 picture widths with intrinsics=0.7w or 0.6w",
+    caveat: "intrinsics were never published: add a COLMAP model, or accept a guessed focal length of 0.7 or \
+             0.6 picture widths with intrinsics=0.7w or 0.6w",
     poses_are_matrices: true,
     settings: &[
         Setting::choice(

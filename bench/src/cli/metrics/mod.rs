@@ -91,7 +91,8 @@ pub(super) struct MetricsArgs {
     /// rounded or truncated to its number of decimals
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     find: Option<find::Sought>,
-    /// First resize each prediction to the size of its target with this kernel of torch, PIL or OpenCV; recorded with the results
+    /// First resize each prediction to the size of its target with this kernel of torch, PIL or OpenCV; recorded with
+    /// the results
     ///
     /// bilinear and bilinear-antialias are those of torch's interpolate, bicubic and lanczos are PIL's; area is
     /// OpenCV's and can only downscale. Without this option, unequal sizes are an error.

@@ -69,7 +69,7 @@ pub(in crate::evaluate) struct Trial<'a> {
     pub(in crate::evaluate) source: &'a PosedCamera,
     pub(in crate::evaluate) photograph: &'a RgbImage,
     pub(in crate::evaluate) region: Region,
-    /// By how much the photograph was moved to the right and down, in pixels.
+    /// How far the photograph was moved to the right and down, in pixels.
     pub(in crate::evaluate) moved: [f64; 2],
     pub(in crate::evaluate) renderer: &'a SharedRenderer,
     pub(in crate::evaluate) rule: Option<Rule>,
@@ -92,21 +92,26 @@ impl Trial<'_> {
         }
     }
 
-    /// The point of the whole photograph that the rule takes as its principal point, in pixels.
-    pub(in crate::evaluate) fn principal_point(&self) -> [f64; 2] {
+    /// The point that the rule takes as the camera's principal point, in pixels.
+    fn principal_point_of_rule(&self) -> [f64; 2] {
         let k = self.source.intrinsics;
-        let [x, y] = match self.rule.map(|rule| rule.principal_point) {
+        match self.rule.map(|rule| rule.principal_point) {
             Some(PrincipalPoint::Ignored) => [k.width, k.height].map(|side| f64::from(side) / 2.0),
             _ => [k.cx, k.cy],
-        };
+        }
+    }
+
+    /// The principal point of the whole photograph under the rule, in pixels.
+    pub(in crate::evaluate) fn principal_point(&self) -> [f64; 2] {
+        let [x, y] = self.principal_point_of_rule();
         [x + self.moved[0], y + self.moved[1]]
     }
 
     /// By how much the camera's principal point is to the right of, and below, the one that the rule takes, in pixels.
     fn ignored_offset(&self) -> [f64; 2] {
         let k = self.source.intrinsics;
-        let [x, y] = self.principal_point();
-        [k.cx + self.moved[0] - x, k.cy + self.moved[1] - y]
+        let [x, y] = self.principal_point_of_rule();
+        [k.cx - x, k.cy - y]
     }
 
     /// The rule with the camera's principal point, if the rule ignores it and it is over a pixel off the picture's

@@ -58,8 +58,9 @@ const MIN_HOLES: f64 = 0.02;
 /// Other readings are tried only on photographs with at least this many pixels; smaller ones do not show a Gaussian's
 /// shape.
 const FEWEST_PIXELS: usize = 1200;
-/// Gaussians that cover less than this fraction of their pixels if the pixels are moved by half a pixel are narrower than
-/// the distance of pixels. Their rendering into the source shows neither their shape nor their size.
+/// If moving the source's pixels by half a pixel reduces the covered area to less than this fraction, Gaussians are
+/// narrower than a pixel and at the pixels' centres, where a rendering shows neither their shape nor their size. They
+/// are then compared between these centres.
 const MIN_COVERED_BETWEEN: f64 = 0.9;
 /// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
@@ -163,19 +164,22 @@ pub(in crate::evaluate) fn check_source(
         rule: prediction.rule,
     };
     let is_tried = source.is_chosen && photograph.pixels().len() >= FEWEST_PIXELS;
-    let between = between_pixels(photograph);
     let moved = Trial {
-        photograph: &between,
         moved: [0.5; 2],
         ..trial
     };
+    let between;
     let gaussians = &prediction.gaussians;
     if is_tried
         && moved.covered(gaussians, as_given)?
             < MIN_COVERED_BETWEEN * trial.covered(gaussians, as_given)?
         && let Some(output) = moved.whole().rendered(gaussians, as_given)?
     {
-        trial = moved;
+        between = between_pixels(photograph);
+        trial = Trial {
+            photograph: &between,
+            ..moved
+        };
         seen.picture = renderer.picture(&output);
         seen.holes = hole_share(&output.alpha);
     }
