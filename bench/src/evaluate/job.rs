@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use super::keys::Keys;
-use super::picture_sample::OtherPairs;
+use super::picture_sample::PictureSample;
 use super::record::{Record, Status};
 use super::shard::Shard;
 use crate::config::{Keep, RunConfig};
@@ -83,9 +83,7 @@ pub(super) struct Job<'a> {
     pub(super) pairs: Vec<ResolvedPair<'a>>,
     /// Sources whose Gaussians are also rendered under other readings of their files.
     pub(super) checked: BTreeSet<String>,
-    /// For a sample of the pairs: the other pairs whose targets are compared with the pair's picture, in order to find
-    /// misnamed files.
-    pub(super) others: OtherPairs<'a>,
+    pub(super) sample: PictureSample<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,
     pub(super) renderer: &'a SharedRenderer,

@@ -17,7 +17,7 @@ use super::picture_check::shrunk;
 use super::picture_framing::shown_framing;
 use super::picture_group::{Extent, PictureGroup};
 use super::picture_motion::{MeasuredMotion, shown_camera};
-use super::picture_sample::{FEWEST, OtherPairs};
+use super::picture_sample::{FEWEST, PictureSample};
 use super::picture_shift::{shift_equations, shifted_pictures};
 use super::picture_stamp::wrong_cells;
 use super::picture_tone::tone;
@@ -57,18 +57,28 @@ impl Thumbnails {
 }
 
 /// Sets [`Record::shows`], [`Record::camera`], [`Record::wrong_cells`], [`Record::tone`], [`Record::shift`] and
-/// [`Record::masked`] if the picture is in the sample and covers the whole target.
+/// [`Record::masked`] if the picture is in `sample` and covers the whole target.
 pub(super) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,
-    others: &OtherPairs<'_>,
+    sample: &PictureSample<'_>,
     (photograph, picture): (&RgbImage, &RgbImage),
     read: &mut Thumbnails,
 ) {
     (record.shows, record.camera, record.wrong_cells) = (None, None, None);
     (record.tone, record.shift, record.masked) = (None, None, None);
-    let others = others.get(&record.pair_id);
-    let (Some(others), None) = (others, record.crop) else {
+    if record.crop.is_some() {
+        return;
+    }
+    let views = [planned.source, planned.target];
+    let [from, to] = views.map(|view| view.camera_from_world);
+    let target_from_source = to.after(&from.inverse());
+    let others = sample.others.get(&record.pair_id);
+    if others.is_some() || sample.shifts.contains(&record.pair_id) {
+        let (target, moved) = (planned.target.intrinsics, target_from_source.translation);
+        record.shift = shift_equations(target, moved, [photograph, picture]);
+    }
+    let Some(others) = others else {
         return;
     };
     record.wrong_cells = Some(wrong_cells(photograph, picture));
@@ -83,11 +93,6 @@ pub(super) fn note_order(
     };
     let others = others.iter().filter(|(_, other)| is_other(other));
     let others = others.filter_map(|(place, other)| Some((*place, read.of(other, other.target)?)));
-    let views = [planned.source, planned.target];
-    let [from, to] = views.map(|view| view.camera_from_world);
-    let target_from_source = to.after(&from.inverse());
-    let (target, moved) = (planned.target.intrinsics, target_from_source.translation);
-    record.shift = shift_equations(target, moved, [photograph, picture]);
     let MeasuredMotion {
         camera: moved,
         masked,

@@ -9,6 +9,9 @@ use crate::pairs::pair_list::ResolvedPair;
 
 /// Number of pairs per dataset whose pictures are compared, evenly spaced.
 const SAMPLED: usize = 8;
+/// Number of pairs per dataset whose pictures' shift is measured, evenly spaced. A picture does not show a shift along its
+/// epipolar lines, and fewer pairs may all have their lines in one direction.
+const SHIFTS_MEASURED: usize = 24;
 /// Number of pairs per scene whose pictures are compared in addition, evenly spaced.
 const SAMPLED_IN_SCENE: usize = 6;
 /// Only at most this many scenes of a dataset are sampled in addition, evenly spaced, to save time.
@@ -18,27 +21,37 @@ const OTHERS: usize = 12;
 /// Nothing is compared among fewer pictures than this, and no finding that fewer have is reported.
 pub(super) const FEWEST: usize = 3;
 
-/// For each pair, the other pairs whose targets its picture is compared with.
-pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>;
+/// The pairs whose pictures are compared with more than their own target, by id.
+#[derive(Default)]
+pub(super) struct PictureSample<'a> {
+    /// For each of these pairs, the other pairs whose targets its picture is compared with.
+    pub(super) others: BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>,
+    /// Pairs whose pictures' shift is measured, in addition.
+    pub(super) shifts: BTreeSet<String>,
+}
 
 /// Chooses the pairs whose pictures are compared. `pairs` must be all pairs of the plan, so that all shards choose the
 /// same.
-pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
+pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> PictureSample<'a> {
     let mut datasets: BTreeMap<&str, Vec<ResolvedPair<'a>>> = BTreeMap::new();
     for planned in pairs {
         let of_dataset = datasets.entry(&planned.scene.dataset).or_default();
         of_dataset.push(*planned);
     }
-    let of_dataset = |all: Vec<ResolvedPair<'a>>| {
+    let mut sample = PictureSample::default();
+    for all in datasets.into_values() {
+        let id = |at: usize| all[at].pair.pair_id.clone();
         let names = all.iter().map(|of| [&*of.scene.id, &*of.target.id]);
-        let compared = compared_pictures(&names.collect::<Vec<_>>()).into_iter();
-        let compared = compared.map(|(at, others)| {
+        for (at, others) in compared_pictures(&names.collect::<Vec<_>>()) {
             let others = others.into_iter().map(|(place, k)| (place, all[k]));
-            (all[at].pair.pair_id.clone(), others.collect())
-        });
-        compared.collect::<OtherPairs<'a>>()
-    };
-    datasets.into_values().flat_map(of_dataset).collect()
+            sample.others.insert(id(at), others.collect());
+        }
+        if all.len() >= FEWEST {
+            let measured = spread(all.len(), SHIFTS_MEASURED).map(id);
+            sample.shifts.extend(measured);
+        }
+    }
+    sample
 }
 
 /// Which pictures are compared, and with whose targets, as indices. `targets` lists the scene and the target of each

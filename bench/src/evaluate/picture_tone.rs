@@ -5,10 +5,13 @@
 //! Methods that reproduce levels badly err differently in each picture, so only a curve shared by nearly all pictures
 //! is evidence.
 
+use std::iter::zip;
+
 use image::RgbImage;
 use image::imageops::thumbnail;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use sharp::color::linear_from_srgb;
 
 use super::picture_group::{Extent, PictureGroup};
 use super::picture_order::is_reframed;
@@ -57,6 +60,18 @@ const MIN_BETWEEN: f64 = 0.15;
 /// The places between middle and corners are darkened by at most this share of the corners' darkening.
 const MAX_BETWEEN: f64 = 0.85;
 
+/// Colour spaces with wider primaries than sRGB, with [`Tone::mixed`] of sRGB's colours in them (IEC 61966-2-1, Adobe RGB
+/// (1998), SMPTE EG 432-1).
+const WIDER: [(&str, [f64; 3]); 2] = [
+    ("Adobe RGB", [0.285, 0.0, 0.041]),
+    ("Display P3", [0.178, 0.033, 0.09]),
+];
+/// A picture agrees with a wider colour space if each of its shares differs by at most this. Predictions of weak colours
+/// mix more green into blue.
+const MAX_MIXED_OFF: f64 = 0.05;
+/// Mixing is measured only if the mean squared difference of two channels is at least this, in linear light.
+const MIN_COLOUR: f64 = 4e-4;
+
 /// A picture counts as masked if at least this percentage of the content shown by both source and target is black or
 /// white. Holes of predictions do not count, because the source does not show what is there.
 const MIN_MASKED_PERCENT: u8 = 5;
@@ -72,6 +87,9 @@ pub struct Tone {
     /// Logarithm of the picture's brightness relative to the target's in the corners and between, minus that in the
     /// middle, in thousandths.
     corners: Option<[i16; 2]>,
+    /// Share of the green light in the picture's red, of the red in its green and of the green in its blue, in
+    /// thousandths; `None` if the target has too little colour.
+    mixed: Option<[i16; 3]>,
 }
 
 /// Measures a picture's tone; all pictures are shrunk. `None` if too much of it is black.
@@ -108,7 +126,33 @@ pub(super) fn tone([source, target, shown]: [&RgbImage; 3]) -> Option<Tone> {
         target: levels(&seen),
         source: levels(&source),
         corners: corners(&cells, &seen, &own),
+        mixed: mixed(&cells, &seen, &own),
     })
+}
+
+/// Measures [`Tone::mixed`] by fitting each channel with two of the target's.
+fn mixed(cells: &[u32], seen: &RgbImage, own: &RgbImage) -> Option<[i16; 3]> {
+    let light = |of: &RgbImage, cell: &u32| {
+        let [red, green, blue] = of.get_pixel(cell % GRID[0], cell / GRID[0]).0;
+        [red, green, blue].map(|level| f64::from(linear_from_srgb(f32::from(level) / 255.0)))
+    };
+    let share = |[channel, other]: [usize; 2]| {
+        let (mut normal, mut sum, mut squares) = ([0.0; 3], [0.0; 2], 0.0);
+        for cell in cells {
+            let (seen, own) = (light(seen, cell), light(own, cell)[channel]);
+            let [x, y] = [seen[channel], seen[other]];
+            normal = [normal[0] + x * x, normal[1] + x * y, normal[2] + y * y];
+            sum = [sum[0] + x * own, sum[1] + y * own];
+            squares += (x - y).powi(2);
+        }
+        let [xx, xy, yy] = normal;
+        let [of_channel, of_other] = [yy * sum[0] - xy * sum[1], xx * sum[1] - xy * sum[0]];
+        let share = of_other / (of_channel + of_other);
+        let is_measured = squares >= MIN_COLOUR * cells.len() as f64 && share.is_finite();
+        is_measured.then(|| (1000.0 * share).round() as i16)
+    };
+    let [red, green, blue] = [[0, 1], [1, 0], [2, 1]].map(share);
+    Some([red?, green?, blue?])
 }
 
 /// Measures [`Tone::corners`]; `None` if one of the rings has too few cells that are not black.
@@ -298,6 +342,7 @@ pub(super) fn toned_pictures(group: &PictureGroup<'_, &Record>) -> Option<String
     let (tones, name) = (&tones[..], group.name);
     match group.extent {
         Extent::Dataset => dark_corners(tones, name)
+            .or_else(|| wider_colours(tones, name))
             .or_else(|| common_curve(tones, name, group.extent))
             .or_else(|| exposures_of_sources(tones, name)),
         Extent::Scene => common_curve(tones, name, group.extent),
@@ -384,6 +429,25 @@ fn exposures_of_sources(tones: &[&Tone], dataset: &str) -> Option<String> {
              the {all} compared pairs of {dataset}; use photographs of one exposure, or compare \
              scores only with those of other methods on the same pairs"
         )
+    })
+}
+
+fn wider_colours(tones: &[&Tone], dataset: &str) -> Option<String> {
+    let measured = tones.iter().filter_map(|tone| tone.mixed);
+    let measured: Vec<[f64; 3]> = measured
+        .map(|of| of.map(|v| f64::from(v) / 1000.0))
+        .collect();
+    WIDER.iter().find_map(|(space, mixture)| {
+        let is_near = |(share, own): (&f64, &f64)| (share - own).abs() <= MAX_MIXED_OFF;
+        let agreeing = measured.iter().filter(|of| zip(*of, mixture).all(is_near));
+        let (count, all) = (agreeing.count(), measured.len());
+        let is_found = count >= MIN_PICTURES && count as f64 >= MIN_SHARE * all as f64;
+        is_found.then(|| {
+            format!(
+                "its pictures mix red, green and blue like pictures in {space} that are read as sRGB ({count} of the {all} \
+                 compared in pairs of {dataset} agree); convert them to sRGB, or store them with their colour profile"
+            )
+        })
     })
 }
 
@@ -519,6 +583,18 @@ mod tests {
                 .unwrap()
                 .contains("the sources do not")
         );
+        let adobe: &Change = &|_, _, _, color| {
+            let light = color.map(|v| f64::from(linear_from_srgb(v as f32)));
+            let [red, green, blue] = light;
+            // Adobe RGB (1998) encodes with the exponent 256 / 563.
+            [
+                0.715 * red + 0.285 * green,
+                green,
+                0.959 * blue + 0.041 * green,
+            ]
+            .map(|v| v.powf(256.0 / 563.0))
+        };
+        assert!(told(AS_READ, adobe).unwrap().contains("in Adobe RGB"));
         assert!(
             told(darker, darker)
                 .unwrap()

@@ -72,7 +72,7 @@ pub(super) fn run(
                             let source = || thumbnails.of(planned, planned.source);
                             note_change(record, photograph.image(), shown, source);
                             let both = (photograph.image(), shown);
-                            note_order(record, planned, &job.others, both, &mut thumbnails);
+                            note_order(record, planned, &job.sample, both, &mut thumbnails);
                         }
                         let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();
                         let mut new = doubts(&item.unit.record, privilege.depth);

@@ -17,7 +17,7 @@ use super::manifest::{
     DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, PairsRecord, ProtocolRecord,
     RendererRecord, metric_records, scoring_conventions,
 };
-use super::picture_sample::OtherPairs;
+use super::picture_sample::PictureSample;
 use super::plan::RunStatus;
 use super::score::missing;
 use super::shard::Shard;
@@ -302,7 +302,7 @@ impl Evaluation {
     pub(super) fn job<'a>(
         &'a self,
         pairs: Vec<ResolvedPair<'a>>,
-        (checked, others): (BTreeSet<String>, OtherPairs<'a>),
+        (checked, sample): (BTreeSet<String>, PictureSample<'a>),
         keys: &'a Keys,
         options: RunOptions,
         shard: Shard,
@@ -310,7 +310,7 @@ impl Evaluation {
         Job {
             pairs,
             checked,
-            others,
+            sample,
             methods: &self.methods,
             scoring: &self.scoring,
             renderer: &self.renderer,

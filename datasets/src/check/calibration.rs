@@ -13,15 +13,29 @@ const TOLERANCE_PX: f64 = 1.0;
 /// Additional tolerance, as a fraction of the range.
 const TOLERANCE_SHARE: f64 = 0.02;
 
-/// Reports `disparities` (in pixels) that contradict the range that Middlebury's `calib.txt` states.
+/// Sizes of shrunk pictures, relative to the originals, whose range may still be stated: nothing is computed from it.
+const SHRUNK: [f64; 3] = [0.5, 0.25, 0.125];
+/// The principal point of a calibration for another picture size is outside this part of the picture's width.
+const CENTRAL: std::ops::RangeInclusive<f64> = 0.3..=0.7;
+
+/// Reports `disparities` (in pixels) that contradict the range that Middlebury's `calib.txt` states, unless only the
+/// range is that of the larger picture.
 pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
     let file = left.camera_file("calib.txt")?;
-    let (low, high) = files::parse_text(&file, calib::parse).ok()?.disparities?;
-    let tolerance = TOLERANCE_PX + TOLERANCE_SHARE * (high - low);
-    let stated = low - tolerance..=high + tolerance;
-    let outside = disparities.iter().filter(|d| !stated.contains(*d)).count();
-    let share = outside as f64 / disparities.len().max(1) as f64;
-    (share > MAX_OUTSIDE).then(|| {
+    let calibration = files::parse_text(&file, calib::parse).ok()?;
+    let (low, high) = calibration.disparities?;
+    let outside = |factor: f64| {
+        let (low, high) = (factor * low, factor * high);
+        let tolerance = TOLERANCE_PX + TOLERANCE_SHARE * (high - low);
+        let stated = low - tolerance..=high + tolerance;
+        let outside = disparities.iter().filter(|d| !stated.contains(*d)).count();
+        outside as f64 / disparities.len().max(1) as f64
+    };
+    let (width, _) = picture::dimensions(left.content.image_file()?).ok()?;
+    let is_central = CENTRAL.contains(&(calibration.left_center.0 / f64::from(width)));
+    let is_shrunk = is_central && SHRUNK.iter().any(|size| outside(*size) <= MAX_OUTSIDE);
+    let share = outside(1.0);
+    (share > MAX_OUTSIDE && !is_shrunk).then(|| {
         format!(
             "{:.0} % of the disparities lie outside the range from {} to {} pixels that {} states; perhaps `vmin` and \
              `vmax`, or the whole calibration, are those of another scene or picture size; correct them",
