@@ -66,7 +66,8 @@ impl Explanation {
         lines
     }
 
-    /// The cells with their verdicts, and the nearest readings of all metrics together.
+    /// Two kinds of tables: the cells with their verdicts, and the joint readings that come
+    /// nearest.
     fn grids(&self) -> Vec<TextGrid> {
         let by_dataset = self.joint_readings.chunk_by(|a, b| a.column == b.column);
         [self.verdicts()]
