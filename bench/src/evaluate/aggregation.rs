@@ -41,7 +41,7 @@ pub enum Aggregation {
 impl Aggregation {
     pub const ALL: [Self; 3] = [Self::Pairs, Self::Scenes, Self::Sources];
 
-    /// The mean of `values`, each given with its record; `None` if there are none, infinite if a value is.
+    /// The mean of `values`, each given with its record. `None` if `values` is empty; infinite if one of the values is.
     pub fn of<'a>(self, values: impl IntoIterator<Item = (&'a Record, f64)>) -> Option<f64> {
         let units = self.units(values).into_iter();
         mean(&units.map(|(_, value)| value).collect::<Vec<_>>())

@@ -68,10 +68,9 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
     doubts
 }
 
-/// Warns about sources whose Gaussians reproduce the photograph much worse than those of the scene's other sources; if
-/// there are none, about sources that do so much worse than those of the dataset's other sources and than a uniform
-/// picture. Finds wrong files that the source check misses, because it tries other readings for only three sources of a
-/// dataset.
+/// Warns about sources whose Gaussians reproduce the photograph much worse than those of the scene's other sources. If
+/// there are none, compares with the dataset's other sources instead, and reports only renderings that are worse than a
+/// uniform picture. Finds wrong files among the many sources for which the source check tries no other readings.
 fn outlying_sources<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,

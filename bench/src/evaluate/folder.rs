@@ -134,7 +134,7 @@ impl RunFolder {
         })
     }
 
-    /// The same folder, for reading and without the lock.
+    /// A handle to this folder for reading, which does not hold the lock.
     pub(super) fn unlocked(&self) -> Self {
         Self {
             root: self.root.clone(),

@@ -83,8 +83,7 @@ pub(super) struct Job<'a> {
     pub(super) pairs: Vec<ResolvedPair<'a>>,
     /// Sources whose Gaussians are also rendered under other readings of their files.
     pub(super) checked: BTreeSet<String>,
-    /// For a sample of the pairs: the pairs with whose targets the sampled pair's picture is compared, in order to find
-    /// misnamed files.
+    /// For each sampled pair, the pairs whose targets its picture is compared with, in order to find misnamed files.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,

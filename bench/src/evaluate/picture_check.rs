@@ -30,8 +30,9 @@ const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
 /// [`MIN_GAIN`] for another transfer function, in dB. If linear light was stored as sRGB, undoing it gains far more;
 /// undoing a wrong exposure gains less.
 const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
-/// Gain in the comparison of sorted levels, in dB, from which a transfer function may fit worse than changes of
-/// brightness and contrast. Poor predictions do not have the levels of their photographs, so they do not reach it.
+/// If undoing a transfer function brings the sorted levels closer by at least this, in dB, it is reported even if
+/// changes of brightness and contrast fit about as well. Poor predictions, whose levels are not those of the
+/// photograph, gain less.
 const MIN_GAIN_BY_RANK: f64 = 8.0;
 /// [`MIN_GAIN`] for another range of levels, in dB, because other exposures resemble other ranges.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;

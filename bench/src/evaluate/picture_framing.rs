@@ -52,8 +52,8 @@ const MAX_DISTANCE: f64 = 3.0;
 
 /// Measures how the picture `shown` frames its target; `None` if the framing is correct or cannot be measured. Both are
 /// shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is that of the pose from the
-/// source's camera to the target's. Large zooms, at which hardly any block is found, are tried only if the content is
-/// not known to move as in the target (`is_moving`).
+/// source's camera to the target's. If the content moves as in the target (`is_moving`), large zooms, at which hardly
+/// any block is found, are not tried.
 pub(super) fn shown_framing(
     intrinsics: Intrinsics,
     translation: DVec3,

@@ -10,7 +10,7 @@ use super::finding::PictureChange;
 const MAX_WITHIN_COLOUR: u8 = 8;
 /// Levels from this one on count as white.
 const MIN_WHITE: u8 = 247;
-/// Bars and margins are reported only if they are at least one in this many lines thick.
+/// Bars and margins are reported only if at least one in this many lines belongs to them.
 const BAR: u32 = 50;
 /// Unfinished pictures are reported only if at least one in this many rows is missing.
 const MISSING: u32 = 5;
@@ -63,7 +63,7 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
 }
 
 /// The share of the rows (or columns) of `picture` that equal the previous one. Returns 1 if more than `MAX_REPEATED`
-/// in succession do, as in bars.
+/// successive ones do, as in bars.
 fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     let (width, height) = picture.dimensions();
     let all = if is_row { height } else { width };

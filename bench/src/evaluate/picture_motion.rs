@@ -47,8 +47,8 @@ const MIN_CONTRADICTING: f64 = 0.5;
 const MIN_POSE_SHARE: f64 = 0.5;
 /// Number of misread poses that are tried, including the source's own pose.
 const CANDIDATES: usize = 10;
-/// A missing rotation or a reversed axis is reported only if it explains so many blocks that a multiple of the motion,
-/// and the source's view, explain at most this fraction of that number.
+/// A missing rotation or a reversed axis is reported only if simpler causes (a multiple of the motion, the source's
+/// view) explain at most this fraction of the blocks that it explains.
 const MAX_SIMPLER_SHARE: f64 = 0.75;
 /// Pictures with less than this percentage of the true motion are nearly still.
 const STILL_PERCENT: i16 = 20;

@@ -30,8 +30,8 @@ const MIN_PLACE_GAIN_DB: f64 = 1.5;
 /// photograph by at least this, in dB.
 const MIN_PANEL_GAIN_DB: f64 = 3.0;
 
-/// The change, if a picture shows the photograph in panels, or all of it at another size. Both are shrunk to the same
-/// size.
+/// The change if the picture `shown` is panels, a stretched crop, or padded. Picture and photograph (`seen`) are shrunk
+/// to the same size.
 pub(super) fn placement_change(seen: &RgbImage, shown: &RgbImage) -> Option<PictureChange> {
     if seen.width() < SEARCH_WIDTH / 2 || seen.height() < SEARCH_WIDTH / 4 {
         return None;

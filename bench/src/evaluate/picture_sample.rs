@@ -17,7 +17,7 @@ const OTHERS: usize = 12;
 /// Pictures are compared, and findings reported, only if at least this many pictures are available or affected.
 pub(super) const FEWEST: usize = 3;
 
-/// For each sampled pair, by id: the other pairs with whose targets its picture is compared.
+/// For each sampled pair, by id, the other pairs whose targets its picture is compared with.
 pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>;
 
 /// Chooses the pairs whose pictures are compared. `pairs` must be all pairs of the plan, so that all shards choose
@@ -40,8 +40,8 @@ pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
     datasets.into_values().flat_map(of_dataset).collect()
 }
 
-/// Indices of the pictures to compare, each with the indices of the pictures with whose targets to compare it.
-/// `targets` lists the scene and the target of each picture.
+/// For each picture to compare, by index, the indices of the pictures whose targets it is compared with. `targets`
+/// lists the scene and the target of each picture.
 pub(crate) fn compared_pictures(
     targets: &[[&str; 2]],
 ) -> BTreeMap<usize, Vec<(ShownTarget, usize)>> {

@@ -22,8 +22,8 @@ const MIN_TARGETS: usize = 4;
 const MIN_SOURCES: usize = 3;
 /// Foreign content is reported only if at least this share of the pictures have it.
 const MIN_SHARE: f64 = 0.8;
-/// Content is foreign only if the targets differ from their own median by a median of at least this, in levels;
-/// otherwise, the targets show the content, too.
+/// Content is foreign only if the targets differ there: the median of their differences from their median level must be
+/// at least this, in levels.
 const MIN_TARGET_DIFFERENCE: f64 = 8.0;
 /// Content is reported only if it fills at least this many cells.
 const MIN_CELLS: usize = 8;

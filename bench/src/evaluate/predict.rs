@@ -548,7 +548,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         let planned = self.truth.planned;
         let absurd = absurd_coverage(prediction, &self.source);
         if let Some((_, text)) = &absurd {
-            // Warn at once, because rendering, about whose duration this warns, comes next.
+            // Warn before rendering, because the warning is that rendering will take very long.
             self.observer
                 .warn(&format!("method '{}': {text}", method.label()));
         }

@@ -6,8 +6,8 @@ use sharp_datasets::DepthMap;
 
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 
-/// Minimum ratio of the spread of rendered / true depth to that of rendered × true from which rendered depth is taken
-/// for inverse depth, for which the product is constant.
+/// Rendered depth counts as inverse depth if rendered / true varies at least this many times as much as rendered ×
+/// true, which is constant for inverse depth.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
 /// Another unit is suspected only if depths differ by more than this factor. Predictions of unknown scale differ by
 /// less.
@@ -81,7 +81,8 @@ pub(super) fn depth_doubt(
              mistaken for ray lengths",
         ),
     ] {
-        // The full correction must leave less spread than none, half of it, and one and a half times as much.
+        // The full correction must leave less spread than no correction, half of the correction, and 1.5 times the
+        // correction.
         let left = |share: f64| Some(middle_and_spread(1.0, share * of_ray)?.1);
         let (half, own, more) = (left(0.5)?, left(1.0)?, left(1.5)?);
         let is_ray = spread >= MIN_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);

@@ -73,7 +73,7 @@ pub(in crate::evaluate) struct CheckedSource<'a> {
     pub(in crate::evaluate) photograph: &'a RgbImage,
     /// Pixels of the photograph to compare; `None` for all.
     pub(in crate::evaluate) valid: Option<&'a Mask>,
-    /// True depth, if available; `None` for a method that is scaled to it.
+    /// True depth, if available; `None` also for a method whose Gaussians are scaled to it.
     pub(in crate::evaluate) depth: Option<&'a DepthMap>,
     pub(in crate::evaluate) scene: &'a Scene,
     /// Whether other readings are tried for this source.
