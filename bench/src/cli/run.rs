@@ -328,7 +328,7 @@ fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<
     }
 }
 
-/// Prints what `run` or `score` did for a shard of the run in `root`.
+/// Prints the counts of `run` or `score` for a shard of the run in `root`.
 pub(super) fn print_shard(
     as_json: bool,
     root: &Path,
