@@ -210,8 +210,8 @@ fn counts(build: &PairBuild, base: &BTreeSet<&str>) -> BTreeMap<String, Count> {
     counts
 }
 
-/// Reader settings whose alternatives are no other interpretation of the paper: permission to open files outside the
-/// folder, and what to do if a picture's size differs from its camera's.
+/// Reader settings that are not varied, because they do not change how the paper is interpreted: permission to open
+/// files outside the folder, and what to do if a picture's size differs from its camera's.
 const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
 
 /// Reads each dataset under every alternative setting of its reader. If the dataset cannot be opened under a setting,

@@ -88,8 +88,8 @@ impl ListCompanion {
         serde_json::from_slice(&sharp::files::read(path).ok()?).ok()
     }
 
-    /// Removes the companion of a list that is about to be overwritten. Keeps files of the same name that are no
-    /// companions.
+    /// Removes the companion of a list that is about to be overwritten. Keeps a file of this name that is not a
+    /// companion.
     pub fn remove(list: &Path) -> Result<(), FileError> {
         let path = Self::path(list);
         match Self::read(&path) {

@@ -30,7 +30,7 @@ pub struct SamplingOptions {
     /// Maximum number of pairs per dataset; `None` for all.
     pub limit: Option<usize>,
     pub rule: SamplingRule,
-    /// Seed for drawing pairs; every dataset uses the same.
+    /// Seed for drawing pairs; every dataset uses the same seed.
     pub seed: u64,
 }
 

@@ -54,9 +54,9 @@ impl<'a> Measuring<'a> {
         self.learnt.get()
     }
 
-    /// Measures the unknown overlaps of those pairs of a set of views whose baseline is in the requested range. If the
-    /// set's depth does not fit into memory, it is loaded in blocks of views, two at a time; otherwise each view is
-    /// read once.
+    /// Measures, for all pairs in a set of views with a baseline in the requested range, the overlaps that are unknown.
+    /// If the set's depth does not fit into memory, it is loaded in blocks of views, two at a time; otherwise each view
+    /// is read once.
     pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
         let block = self.views_in_memory(set) / 2;

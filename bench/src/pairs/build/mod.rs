@@ -72,7 +72,7 @@ impl PairBuild {
         self.problems.extend(other.problems);
     }
 
-    /// The problems because of which views were left out, one per view: the first.
+    /// For each view that was left out, the first problem that caused it.
     pub fn left_out(&self) -> impl Iterator<Item = &Problem> {
         let mut seen = BTreeSet::new();
         let needed = self.problems.iter().filter(|problem| problem.is_left_out);

@@ -116,7 +116,7 @@ impl<'a> SceneWork<'a> {
         }
     }
 
-    /// Builds the pairs of a multi-view scene: those of two views of one set.
+    /// Builds the pairs of a multi-view scene. Both views of a pair are in one set.
     pub(super) fn multi_view(&mut self) {
         let scene = self.scene;
         let views = self.views_in_sets();

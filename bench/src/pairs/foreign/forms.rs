@@ -209,7 +209,7 @@ impl Entry {
                 (Context::First, &self.targets[slot as usize..][..1])
             }
         };
-        // Record the highest position, because one beyond the scene shows that the list counts from 1.
+        // Record the highest position, because a position beyond the scene shows that the list counts from 1.
         let last = self.inputs.iter().chain(targets).max().cloned();
         let last = last.filter(|_| matches!(form, ListForm::Index | ListForm::Seva));
         let pair = |target: &FrameName| {

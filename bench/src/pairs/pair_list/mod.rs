@@ -113,8 +113,8 @@ impl PairList {
         }
     }
 
-    /// The union of this list and a newer one. Of a pair in both, the newer row is kept, which is selected if either
-    /// row is.
+    /// The union of this list and a newer one. For a pair in both lists, keeps the newer row, selected if either row
+    /// is.
     #[must_use]
     pub fn joined(&self, newer: &Self) -> Self {
         let by_id = |list: &Self| -> BTreeMap<String, Pair> {
