@@ -66,8 +66,8 @@ impl Explanation {
         lines
     }
 
-    /// Two kinds of tables: the cells with their verdicts, and the joint readings that come
-    /// nearest.
+    /// A table of the cells with their verdicts, and for each dataset a table of the nearest joint
+    /// readings.
     fn grids(&self) -> Vec<TextGrid> {
         let by_dataset = self.joint_readings.chunk_by(|a, b| a.column == b.column);
         [self.verdicts()]

@@ -210,8 +210,8 @@ fn columns(paper: &PublishedTable, board: &Board<'_>, wanted: &[MetricKey]) -> V
     columns.collect()
 }
 
-/// The user's datasets in the order of the paper's, with an empty one where no row has the dataset, followed by
-/// datasets that are not in the paper's table.
+/// The user's datasets in the order of the paper's, followed by datasets that are not in the paper's table. A dataset
+/// of the paper is empty if no row has it.
 fn placed<'a>(paper: &PublishedTable, mut board: Board<'a>) -> Result<Board<'a>, RowError> {
     let mut by_column: Vec<Vec<DatasetBoard<'a>>> =
         paper.datasets.iter().map(|_| Vec::new()).collect();

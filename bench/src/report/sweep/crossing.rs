@@ -14,7 +14,7 @@ use sharp_plots::bins::{Bin, Cuts, bins};
 /// bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossing {
-    /// The position; −∞ if the means of all bins are above zero, ∞ if that of the last bin is not.
+    /// The position; −∞ if the means of all bins are above zero, ∞ if the mean of the last bin is not.
     pub x: f64,
     /// 95 % interval of the position over resamples, each of which draws as many whole clusters as there are, with
     /// replacement. Its ends may be infinite. `None` for fewer than two clusters.

@@ -36,8 +36,8 @@ pub(super) fn feature_mark(column: &Column) -> Option<String> {
     ))
 }
 
-/// Sentences on those predictions of method number `method` that are no whole pictures predicted at the target's size:
-/// cropped, resized, chosen among several scales, or partly excluded by masks.
+/// Sentences on how the predictions of method number `method` differ from whole pictures of the target's size: cropped,
+/// resized, chosen among several scales, or partly excluded by masks.
 pub(super) fn prediction_marks(
     dataset: &DatasetBoard<'_>,
     method: usize,
