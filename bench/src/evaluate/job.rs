@@ -108,7 +108,7 @@ pub struct UnitCounts {
     pub scored: usize,
     pub failed: usize,
     pub waiting: usize,
-    /// Units that were not processed because the run was stopped.
+    /// Units that were not reached, or not scored, before the run was stopped.
     pub left: usize,
 }
 

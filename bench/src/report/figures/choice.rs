@@ -146,8 +146,8 @@ pub fn chosen<'a>(
         let first = match choose {
             Choice::Worst | Choice::Loses(..) => 0,
             Choice::Best => n - count,
-            // The pairs around the median. For an even number of pairs, this starts from the easier of the two middle
-            // ones.
+            // The pairs around the median. For an even number of pairs, the easier of the two middle ones counts as the
+            // median.
             Choice::Median => (n / 2)
                 .saturating_sub(count.saturating_sub(1) / 2)
                 .min(n - count),
@@ -181,7 +181,7 @@ pub fn along_path<'a>(
             sources.push((id(&pairs[0]), pairs_of.collect()));
         }
     }
-    // In a controlled sweep, each step is a scene with one pair, and all pairs have the same source.
+    // In a controlled sweep, each step is a scene with one pair, and the pairs of one cluster have the same source.
     let found = match source {
         Some(wanted) => sources.iter().position(|(id, _)| id == wanted),
         None => {
