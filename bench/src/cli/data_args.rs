@@ -29,7 +29,7 @@ impl DatasetArgs {
     }
 }
 
-/// Prints which scenes were left out, and the readers' notes on what they assumed.
+/// Prints which scenes were left out, and the assumptions that the readers noted.
 pub(super) fn say_what_was_opened(datasets: &[OpenDataset]) {
     for dataset in datasets {
         for group in &dataset.left_out {

@@ -63,7 +63,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     let terminal = Terminal::default();
     let scoring = args.metrics.scoring()?;
     let mut methods = METHODS.to_vec();
-    // The program may have been copied without the files that belong next to it; then leave out the network.
+    // If the program was copied without the files that belong next to it, leave out the network.
     if let Err(error @ NetworkError::NotBundled { .. }) = bundled_weights() {
         output::remark(format!(
             "note: the tables have no rows for the network: {error}"

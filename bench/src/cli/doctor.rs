@@ -93,7 +93,7 @@ fn adapters() -> Vec<AdapterFacts> {
     sharp::render::GpuAdapter::all()
         .iter()
         .map(|adapter| AdapterFacts {
-            // A software adapter's description already says what it is.
+            // The description of a software adapter already says that it is one.
             name: if adapter.is_software() {
                 adapter.to_string()
             } else {
@@ -109,7 +109,7 @@ fn adapters() -> Vec<AdapterFacts> {
     Vec::new()
 }
 
-/// One finding per adapter, which says when `render` uses it.
+/// One finding per adapter, which states when `render` uses the adapter.
 fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
     const WHAT: &str = "gpu adapter";
     if adapters.is_empty() {

@@ -178,7 +178,7 @@ fn unwrapped(text: &str) -> String {
     lines.join("\n")
 }
 
-/// The paragraph that `--help` shows, followed by an empty line.
+/// The paragraph of examples for `--help`, followed by an empty line.
 fn examples_of(text: &str) -> String {
     let lines = text
         .lines()

@@ -12,7 +12,7 @@ use crate::report::ReportError;
 use crate::scale::ScaleError;
 use crate::train::TrainError;
 
-/// Outcome of a command that completed or can be continued; other failures are errors.
+/// Outcome of a command that completed or can be resumed; all other outcomes are errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outcome {
     /// Exit code 0.
@@ -37,7 +37,7 @@ impl Outcome {
         self.or(Self::of_problems(broken))
     }
 
-    /// Replaces `Done` with `other`.
+    /// `other` in place of `Done`; all other outcomes are kept.
     pub(super) fn or(self, other: Self) -> Self {
         if self == Self::Done { other } else { self }
     }
@@ -61,7 +61,7 @@ impl Outcome {
     }
 }
 
-/// The options on the command line contradict each other, whatever the files contain.
+/// Options on the command line that contradict each other, independently of files.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(super) struct UsageError(pub(super) String);
@@ -93,7 +93,7 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     })
 }
 
-/// Whether a signal or the time budget stopped the command. The same command then continues, and the exit code is 75.
+/// Whether a signal or the time budget stopped the command. The exit code is then 75, and the same command continues.
 pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
     let of_evaluation =
         |error: &EvaluateError| matches!(error, EvaluateError::Pairs(PairError::Stopped));
@@ -108,7 +108,7 @@ pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
     })
 }
 
-/// The dataset's error, even if wrapped in another error.
+/// The dataset error that `cause` is or wraps.
 fn dataset_error<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a DatasetError> {
     let of_pairs = |error: &'a PairError| match error {
         PairError::Dataset(error) => Some(error),

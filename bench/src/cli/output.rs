@@ -27,8 +27,7 @@ pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?)
 }
 
-/// Prints a command's result: with `--json` the value as indented JSON, otherwise the text, and nothing if the text
-/// is empty.
+/// Prints a command's result: with `--json` the value as indented JSON, otherwise the text unless it is empty.
 pub(super) fn print<V: Serialize>(
     as_json: bool,
     value: impl FnOnce() -> V,
@@ -60,7 +59,7 @@ pub(super) fn names(paths: &[PathBuf]) -> Vec<String> {
     names.collect()
 }
 
-/// Rewrites picture settings in a message (`alpha=`) as command-line options (`--alpha `).
+/// Replaces names of picture settings in a message (`alpha=`) with names of command-line options (`--alpha `).
 pub(super) fn as_options(message: &impl ToString) -> String {
     let keys = ["alpha", "color", "orientation", "exr"].into_iter();
     keys.fold(message.to_string(), |text, key| {
@@ -139,8 +138,8 @@ impl Phase {
         }
     }
 
-    /// A progress line, at most one per interval. Units reused from an earlier run take no time, so
-    /// the time left is estimated from the last interval only.
+    /// A progress line, at most one per [`INTERVAL`]. The remaining time is extrapolated from the last interval only,
+    /// because units reused from an earlier run take no time.
     fn plain_line(&mut self, now: Instant) -> Option<String> {
         let (then, before) = self.said;
         let elapsed = now.saturating_duration_since(then);
@@ -177,8 +176,8 @@ pub(super) fn span(secs: f64) -> String {
 }
 
 impl Terminal {
-    /// A terminal that requests a stop after `budget`, or on a signal that schedulers send before
-    /// they kill a process.
+    /// A terminal that requests a stop after `budget`, or on a signal that schedulers send some time before they kill a
+    /// process.
     pub(super) fn until(budget: Option<Duration>) -> io::Result<Self> {
         Self::obeying(
             budget,
@@ -187,7 +186,8 @@ impl Terminal {
         )
     }
 
-    /// Like [`Self::until`], but Ctrl-C also requests a stop. Meant for work that would lose much if killed.
+    /// Like [`Self::until`], but Ctrl-C also requests a stop, for work of which much would be lost if the process were
+    /// killed.
     pub(super) fn until_interrupted(budget: Option<Duration>) -> io::Result<Self> {
         Self::obeying(
             budget,
@@ -205,8 +205,8 @@ impl Terminal {
         #[cfg(unix)]
         for &signal in signals {
             let asked = &terminal.asked_to_stop;
-            // A second signal exits at once. Registered first, because handlers run in the order of
-            // registration.
+            // Exit at once on a second signal. This handler is registered first, because handlers run in the order of
+            // registration, and the other one sets the flag that this one checks.
             signal_hook::flag::register_conditional_shutdown(signal, 75, Arc::clone(asked))?;
             signal_hook::flag::register(signal, Arc::clone(asked))?;
         }

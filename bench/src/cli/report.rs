@@ -73,7 +73,7 @@ pub(super) struct ShownRuns {
 }
 
 impl ShownRuns {
-    /// The runs as one set of results, averaged by `aggregation` if given.
+    /// The results of the runs, joined; averaged by `aggregation` instead of the runs' rule if given.
     pub(super) fn results(&self, aggregation: Option<Aggregation>) -> anyhow::Result<Results> {
         let joined = join_under(&self.runs, aggregation)?;
         let [shown] = self
@@ -146,7 +146,7 @@ fn methods_text(results: &Results, args: &ReportArgs) -> anyhow::Result<Outcome>
     Ok(Outcome::Done)
 }
 
-/// Warns of damaged units; true if there are any.
+/// Warns about damaged units; returns whether there are any.
 pub(super) fn warn_damaged(results: &Results) -> bool {
     for path in &results.damaged {
         output::remark(format!(
@@ -157,7 +157,7 @@ pub(super) fn warn_damaged(results: &Results) -> bool {
     !results.damaged.is_empty()
 }
 
-/// Warns of kept pictures that a report leaves out.
+/// Warns about kept pictures that the report leaves out because they differ from the scored ones.
 pub(super) fn warn_not_scored(paths: &[PathBuf]) {
     for path in paths {
         output::remark(format!(
@@ -178,8 +178,8 @@ pub(super) fn tables(
     Ok(texts.join("\n"))
 }
 
-/// Exit code 4 if there are recorded failures, and 75 if units are left. After the last stage, also 75 if units are
-/// still waiting for an earlier stage.
+/// Exit code 75 if units are left or, after the last stage, still waiting for an earlier stage; otherwise 4 if there
+/// are recorded failures.
 pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
     if is_last_stage && counts.waiting > 0 {
         output::remark(format!(

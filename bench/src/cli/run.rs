@@ -133,7 +133,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
         });
     };
     let own = args.config.keys()?;
-    // If this machine lacks the plan's kernels, that is reported later.
+    // `--simd` is allowed here: if this machine lacks the plan's kernels, a later check reports it.
     if let Some(key) = own.keys().find(|key| *key != "simd") {
         let reason = format!(
             "--{key} cannot be combined with --plan, because a shard uses the planned options"
@@ -317,7 +317,7 @@ impl Display for DryRun<'_> {
     }
 }
 
-/// Returns the result, or `None` if the renderer's device failed. The same command then resumes the run.
+/// The result, or `None` if the renderer's device failed, in which case the same command resumes the run.
 fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<T>> {
     match result {
         Err(error @ EvaluateError::Device { .. }) => {
@@ -328,7 +328,7 @@ fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<
     }
 }
 
-/// Prints what `run` or `score` did for a shard of the run in `root`.
+/// Prints the counts of `run` or `score` for a shard of the run in `root`.
 pub(super) fn print_shard(
     as_json: bool,
     root: &Path,

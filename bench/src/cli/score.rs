@@ -58,7 +58,7 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
         (Some(set), _) => {
             Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
         }
-        // A run accepts scores only from the kernels that it was made with.
+        // All scores of a run must be computed by the same kernels.
         (None, Some(manifest)) => {
             Simd::pin(manifest.kernels).with_context(|| args.run.display().to_string())?;
         }

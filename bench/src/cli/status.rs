@@ -47,7 +47,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
             args.json,
             || &shards,
             || match args.max_index {
-                // A line for each array of a scheduler.
+                // One line for each of the scheduler's job arrays.
                 Some(max) => {
                     let arrays = arrays(&shards, max as usize).into_iter();
                     let lines =
@@ -123,7 +123,8 @@ fn ranges(numbers: &[usize]) -> String {
     runs.collect::<Vec<_>>().join(",")
 }
 
-/// Splits shards into arrays with indices from 1 to `max`. Each array has an offset; shard = offset + index.
+/// Splits shards into job arrays with indices from 1 to `max`. Each array is given as the offset to add to its indices,
+/// and the indices.
 fn arrays(shards: &[usize], max: usize) -> Vec<(usize, Vec<usize>)> {
     let offset = |shard: usize| (shard - 1) / max * max;
     let chunks = shards.chunk_by(|a, b| offset(*a) == offset(*b));

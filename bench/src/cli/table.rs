@@ -146,7 +146,7 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// The command that produces a table's rows, and its requirements.
+/// The command that a table's rows are read from, and what it needs.
 fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     match table.made_by {
         MadeBy::Run => ("run", "a run on the table's datasets"),
@@ -163,7 +163,7 @@ fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     }
 }
 
-/// Which requirements of the table's rows this machine fulfils.
+/// What this machine has of the things that the table's rows require.
 fn at_hand(table: &PublishedTable) -> String {
     let weights = Weights::at_hand();
     match table.made_by {

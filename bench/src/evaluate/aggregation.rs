@@ -10,8 +10,8 @@ use sharp_statistics::mean;
 
 use super::record::Record;
 
-/// How scores are averaged. Part of a value's identity, because the rule determines the weight of a scene with many
-/// pairs.
+/// How scores are averaged over pairs. Means under different rules are different values, because the rule determines
+/// the weight of a scene with many pairs.
 #[derive(
     Debug,
     Clone,
@@ -41,15 +41,15 @@ pub enum Aggregation {
 impl Aggregation {
     pub const ALL: [Self; 3] = [Self::Pairs, Self::Scenes, Self::Sources];
 
-    /// The mean of the `values` of records; `None` if there are none. One infinite value makes the mean infinite.
+    /// The mean of `values`, each given with its record. `None` if `values` is empty; infinite if one of the values is.
     pub fn of<'a>(self, values: impl IntoIterator<Item = (&'a Record, f64)>) -> Option<f64> {
         let units = self.units(values).into_iter();
         mean(&units.map(|(_, value)| value).collect::<Vec<_>>())
     }
 
-    /// The values whose unweighted mean [`Self::of`] returns, each with one of the records that it was computed from.
-    /// For [`Self::Pairs`], these are the given values in the given order; otherwise, they are the means of the groups,
-    /// sorted by the groups' names.
+    /// The values whose unweighted mean is the result of [`Self::of`], each with a record that it was computed from.
+    /// For [`Self::Pairs`], these are the given values in the given order; for the other rules, the means of the
+    /// groups, sorted by the groups' names.
     pub fn units<'a>(
         self,
         values: impl IntoIterator<Item = (&'a Record, f64)>,
@@ -59,7 +59,7 @@ impl Aggregation {
             Self::Scenes => |record| [&record.dataset, &record.scene, ""],
             Self::Sources => |record| [&record.dataset, &record.scene, &record.source],
         };
-        // For each group: one of its records, the sum and the count of values.
+        // For each group: its first record, and the sum and the number of its values.
         let mut groups: BTreeMap<[&str; 3], (&Record, f64, usize)> = BTreeMap::new();
         for (record, value) in values {
             let key = parts(record);

@@ -36,7 +36,7 @@ use crate::pairs::PairList;
 /// Version of the layout. Older versions remain readable.
 const FORMAT: u32 = 2;
 
-/// Maximum unpacked size of a text member, in bytes. The paper's whole evaluation needs a hundredth of it.
+/// Maximum unpacked size of a text member, in bytes: a hundred times what the paper's whole evaluation needs.
 const MAX_MEMBER: u64 = 1 << 28;
 
 /// Member with the times, if there are any.
@@ -45,7 +45,7 @@ const TIMINGS: &str = "timings.json";
 /// Marks a missing score: a NaN that arithmetic does not produce.
 const ABSENT: u64 = u64::MAX;
 
-/// Contents of `bundle.json`, which can be read by itself.
+/// Contents of `bundle.json`, which can be read without the other members.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Head {
     format: u32,
@@ -107,8 +107,8 @@ struct UnitLine {
 /// `with_times`.
 ///
 /// # Errors
-/// If the run cannot be read or the file cannot be written. An existing file is overwritten only if it is a bundle that
-/// is not an entry of a history (has no [`Occasion`]).
+/// If the run cannot be read or the file cannot be written. An existing file is overwritten only if it is a bundle
+/// without an [`Occasion`]; bundles with an `Occasion` are entries of a history.
 pub fn write_bundle(run: &Path, out: &Path, with_times: bool) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {
@@ -150,7 +150,7 @@ impl Bundle {
     /// Reads a file written by [`write_bundle`], or creates a bundle from a run folder.
     ///
     /// # Errors
-    /// If `run` is neither, or was written by a later version.
+    /// If `run` is neither a bundle nor a run folder, or was written by a later version.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         if run.exists() && !run.is_dir() {
             return read_file(run);
@@ -265,7 +265,7 @@ impl Bundle {
     /// same evaluation, wherever their files are.
     ///
     /// # Errors
-    /// If encoding fails, which does not happen in memory.
+    /// If serialisation fails; in memory, it does not.
     pub fn content_sha256(&self) -> serde_json::Result<String> {
         let mut manifest = self.results.manifest.clone();
         for dataset in &mut manifest.datasets {
@@ -376,7 +376,7 @@ fn unreadable(path: &Path, reason: String) -> EvaluateError {
     }
 }
 
-/// Reads only `bundle.json`, which works even if the rest is damaged.
+/// Reads only `bundle.json`, so it works even if the other members are damaged.
 pub(crate) fn read_head(path: &Path) -> Result<Head, EvaluateError> {
     Members::open(path)?.head()
 }

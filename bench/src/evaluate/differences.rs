@@ -31,11 +31,11 @@ pub(super) enum Effect {
 }
 use Effect::{Allowed, Refused, Replaced};
 
-/// The effect of a difference for each [`Purpose`]. Every difference has one of the rows below.
+/// The effect of a difference for each [`Purpose`]. The constants below are all rows in use.
 type Row = [Effect; 4];
-/// Facts that affect every value; results that differ in one are never combined.
+/// Facts that affect every value; results that differ in such a fact are never combined.
 const RULE: Row = [Refused, Refused, Refused, Refused];
-/// Scoring conventions. They are also part of each metric's identity, so a change within a folder replaces scores.
+/// Scoring conventions. Each metric's identity includes them, so a change within a folder replaces scores.
 const CONVENTION: Row = [Allowed, Refused, Refused, Refused];
 /// The meaning of a dataset's or method's name.
 const NAME: Row = [Replaced, Refused, Refused, Refused];
@@ -50,7 +50,7 @@ const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ManifestDifference {
     row: Row,
-    /// The name of the fact that differs; if there are no `values`, a complete sentence on the difference.
+    /// The name of the fact that differs; if `values` is `None`, a complete sentence on the difference.
     what: String,
     /// The old and the new value.
     values: Option<[String; 2]>,
@@ -129,7 +129,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
     let aggregations = both.map(|manifest| manifest.aggregation.to_string());
     found.compare(RULE, "the aggregation", aggregations);
     for (name, text) in now.scoring.iter().filter(|(name, _)| *name != AGGREGATION) {
-        // Results of older versions do not record every convention; those that are missing were the same as today's.
+        // Older versions did not record every convention; an unrecorded convention was the same as today's.
         let stated = before.scoring.get(name).unwrap_or(text);
         found.compare(CONVENTION, name, [stated.clone(), text.clone()]);
     }
@@ -267,9 +267,9 @@ fn metric_facts(info: &MetricInfo) -> [(&'static str, String); 4] {
     ]
 }
 
-/// The first reader setting whose value differs between the manifests, as `key=value` in each of them. A setting that
-/// only one manifest has is ignored, because versions differ in which settings they record. If no setting differs,
-/// returns both specs.
+/// The first reader setting whose value differs between the manifests, as `key=value` for each manifest. Skips settings
+/// that only one manifest records, because versions differ in what they record. If no value differs, returns both
+/// specs.
 fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     let mut differing = before.readings.iter().filter_map(|old| {
         let new = now.readings.iter().find(|new| new.key == old.key)?;
@@ -280,11 +280,11 @@ fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     differing.next().unwrap_or_else(specs)
 }
 
-/// The manifest of a folder after adding `new`. Also returns a sentence for each earlier result
-/// that tables no longer show because its name has a new meaning.
+/// The folder's manifest after adding `new` to `before`. Also returns [`ManifestDifference::replaced`] for each
+/// difference because of which tables no longer show some earlier results.
 ///
 /// # Errors
-/// If the results cannot share a folder because their renderer, kernels, protocol or another such fact differs.
+/// If the manifests differ in a fact that all results of a folder must share, such as renderer, kernels or protocol.
 pub(super) fn extended(
     before: Manifest,
     new: Manifest,
@@ -303,7 +303,7 @@ pub(super) fn extended(
         });
     }
     let replaced = of(Replaced).map(ManifestDifference::replaced).collect();
-    // If the remaining columns were computed with the earlier networks, keep the record of those networks.
+    // If `new` uses no network, remaining columns may stem from the earlier networks, so keep the record of those.
     let metric_networks = if new.has_networks() {
         new.metric_networks
     } else {

@@ -18,16 +18,16 @@ const UNLIKELY_SCALE: f64 = 10.0;
 /// Outliers are detected only among at least this many sources. With fewer, the source check examines most of them more
 /// closely anyway.
 const FEWEST_SOURCES: usize = 4;
-/// The PSNR of outliers is lower than that of the other sources by at least this, in dB. Their squared error is then
-/// four times as large.
+/// Minimum difference in PSNR between outliers and the other sources, in dB. It corresponds to a fourfold squared
+/// error.
 const MIN_GAP: f64 = 6.0;
 /// Sources are outliers only if the gap between them and the others is at least this multiple of the distance between
-/// the worst and the median of the others. A larger ratio is rare by chance.
+/// the worst and the median of the others. Such a gap is rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
-/// Across scenes, only sources below this PSNR, in dB, count as outliers. It is the PSNR of a uniform picture in the
-/// photograph's mean colour if the photograph's levels have a standard deviation of 45.
+/// Across scenes, only sources below this PSNR, in dB, count as outliers. A uniform picture in the photograph's mean
+/// colour has this PSNR if the standard deviation of the photograph's levels is 45.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
-/// Maximum number of sources that a sentence names; it counts the rest.
+/// Maximum number of sources that a sentence names; further sources are only counted.
 const MAX_NAMED: usize = 8;
 
 /// Extras of methods that state their training views: 1 if the pair's source (first) or target (second) is one of them.
@@ -68,9 +68,9 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
     doubts
 }
 
-/// Warns about sources whose rendering is much worse than the others of their scene. Also warns about sources that are
-/// much worse than the others of their dataset, if they are worse than a uniform picture, too. The source check tries
-/// other readings for only three sources of a dataset; this check finds wrong files among the rest.
+/// Warns about sources whose Gaussians reproduce the photograph much worse than those of the scene's other sources. If
+/// there are none, compares with the dataset's other sources instead, and reports only renderings that are worse than a
+/// uniform picture. Finds wrong files among the many sources for which the source check tries no other readings.
 fn outlying_sources<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
@@ -79,7 +79,7 @@ fn outlying_sources<'a>(
     if ["sharp", "depth-splat"].contains(&kind) {
         return None;
     }
-    // A blurred rendering still shows the right photograph, however low its PSNR.
+    // A blurred rendering has a low PSNR even if it shows the right photograph.
     let blurred = records
         .clone()
         .filter(|r| r.extras.contains_key(SOURCE_BLUR));
@@ -117,8 +117,8 @@ fn outlying_sources<'a>(
     ))
 }
 
-/// Splits a group into outliers (at most half of it, each with a PSNR of at most `most`) and the others. `None` if no
-/// gap separates them.
+/// Splits sources, given with their PSNR, into outliers (at most half of them, each with a PSNR of at most `most`) and
+/// the others. `None` if no gap separates them.
 fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str, f64)>; 2]> {
     let mut sources: Vec<(&str, f64)> = group.iter().map(|(name, v)| (*name, *v)).collect();
     sources.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -134,7 +134,7 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     })
 }
 
-/// A check of pictures together, which gives its findings as sentences.
+/// A check of a group of pictures; returns its findings as sentences.
 type Check = fn(&PictureGroup<'_, &Record>) -> Vec<String>;
 
 /// Findings from all records of a method.
@@ -168,8 +168,8 @@ pub(super) fn joint_doubts<'a>(
     found
 }
 
-/// A sentence with the targets that a method was trained on, or a report that none of its stated training views is in
-/// the records' pairs.
+/// Names the targets that a method was trained on. If none of its stated training views is a source or target of the
+/// records, says so instead.
 fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<String> {
     let of_views = |record: &'a Record| {
         let [source, target] = TRAINED_ON.map(|name| record.extras.get(name).map(|v| *v > 0.0));
@@ -193,7 +193,7 @@ fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<Stri
     })
 }
 
-/// The names in order, shortened if there are many.
+/// The first [`MAX_NAMED`] names, separated by commas, and the number of further names.
 pub(super) fn listed(names: BTreeSet<&str>) -> String {
     let more = match names.len().saturating_sub(MAX_NAMED) {
         0 => String::new(),

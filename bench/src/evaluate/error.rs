@@ -1,4 +1,4 @@
-//! Why an evaluation cannot be prepared, run or read.
+//! Errors of preparing, running and reading evaluations.
 
 use std::path::PathBuf;
 
@@ -36,7 +36,7 @@ pub enum EvaluateError {
     /// Two methods have the same label.
     #[error("two methods have the label '{0}'; give one of them another label with label=NAME")]
     RepeatedLabel(String),
-    /// The pairs were selected by this method's own depth.
+    /// The pairs were selected with depth that this method's checkpoint predicted.
     #[error(
         "the pairs were selected with depth predicted by the checkpoint of method '{method}'; \
          select them with other depth, such as --overlap-depth DIR"
@@ -51,7 +51,7 @@ pub enum EvaluateError {
         method: String,
         reason: String,
     },
-    /// This run's results cannot be added to the folder's.
+    /// This run's results cannot be added to those in the folder.
     #[error(
         "{}: {difference}; a folder can have only one, so choose another folder",
         folder.display()
@@ -74,7 +74,7 @@ pub enum EvaluateError {
     /// A file that was expected to be a bundle.
     #[error("{}: not a bundle of scores: {reason}", path.display())]
     Bundle { path: PathBuf, reason: String },
-    /// Several folders were to be joined, but no output folder was given.
+    /// Several folders are to be joined, but no output folder is given.
     #[error("to join several folders, give the folder for the result with --out FOLDER")]
     NoOutput,
     /// Results of two folders contradict each other and cannot be shown together.

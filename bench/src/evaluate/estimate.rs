@@ -47,7 +47,8 @@ impl Evaluation {
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         let mut failures = 0;
         let mut stage = |stages: Stages| -> Result<StageCost, EvaluateError> {
-            // Keep everything, so that the second round reuses the predictions of the first.
+            // Keep all predictions, so that the second pair of each source reuses that of the
+            // first.
             let kept = RunOptions {
                 stages,
                 keep_gaussians: true,

@@ -15,7 +15,7 @@ macro_rules! worded {
         }
 
         impl $name {
-            /// Completes the sentence "its pictures" or "pictures show".
+            /// Completes a sentence that begins with "its pictures" (for changes) or "pictures show" (for targets).
             pub fn text(self) -> &'static str {
                 match self {
                     $(Self::$finding { .. } => $text,)+
@@ -34,7 +34,7 @@ worded! {
     pub enum PictureChange {
         /// The photograph itself was stored.
         Photograph = "are the photographs themselves",
-        /// It resembles neither its photograph nor the source's, and no other change explains that.
+        /// The picture resembles neither its photograph nor the source's, and no other change explains the difference.
         Unlike = "have little in common with the photographs",
         Linear = "contain linear light but were read as sRGB (exr=linear reads such EXR files)",
         EncodedTwice = "are sRGB-encoded twice (exr=srgb reads EXR files that hold sRGB values)",
@@ -76,16 +76,16 @@ worded! {
              wrapped around; limit them to 0..255 before converting to 8 bit",
         /// Values of 0..1 are stored as whole levels.
         Unscaled = "have no level above 1, because values from 0 to 1 were not multiplied by 255",
-        /// Bars of one colour at two opposite sides.
+        /// Two opposite sides have bars of one colour.
         Bars = "have bars of one colour at two opposite sides, probably padding; remove it before storing them",
-        /// One colour from some row down.
+        /// All rows from some row to the last have one colour.
         Unfinished = "have one colour from some row down to the last, as if they were unfinished",
         /// Every second row differs from its neighbours.
         Interlaced = "have every second row from another picture, as if two pictures were interlaced",
         /// A white border on all sides.
         Framed = "have a white border on all sides, like figures with axes or margins; store only the picture",
-        /// A strip of white or black rows at the top or the bottom, as [top, bottom] thickness in thousandths of the
-        /// height; one of the two is 0.
+        /// The top or the bottom has a strip of white or black rows. The value is the [top, bottom] thickness in
+        /// thousandths of the height; one of the two is 0.
         Strip([i16; 2]) =
             "have a strip of one colour along one side, of the same thickness in all pictures, probably a caption or \
              padding; store only the picture",
@@ -99,15 +99,16 @@ worded! {
         Cropped =
             "are crops stretched to the target's size; store them unstretched and set crop=center:1:1 (or their own \
              aspect)",
-        /// The darkest and brightest levels became 0 and 255. The value is the gain in contrast, in percent.
+        /// Contrast was increased so that the darkest level is 0 and the brightest 255. The value is the gain in
+        /// percent.
         Stretched(i16) =
             "were stretched separately, each so that its darkest level is 0 and its brightest 255 (`normalize=True` \
              of torchvision's save_image, for example); store the values as predicted",
-        /// Three equal channels, although the photograph is coloured.
+        /// The three channels are equal, although the photograph is coloured.
         Grey =
             "have three equal channels, although the photographs have colours; if the method predicts colours, store \
              them",
-        /// Two equal channels, although these channels of the photograph differ.
+        /// Two channels are equal, although the same channels of the photograph differ.
         EqualChannels =
             "have two equal channels, although those of the photographs differ; perhaps one was stored in place of \
              another",
@@ -123,7 +124,7 @@ worded! {
 }
 
 impl PictureChange {
-    /// Whether the change leaves traces that no prediction shows, however good or poor it is.
+    /// True if the change leaves traces that predictions never have, whether good or poor.
     pub fn is_visible(self) -> bool {
         matches!(
             self,
@@ -140,7 +141,7 @@ impl PictureChange {
         )
     }
 
-    /// Whether the change is so distinctive that single files are named.
+    /// True if the change is distinctive enough to name single pictures that have it.
     pub fn is_clear(self) -> bool {
         use PictureChange::*;
         let is_moved = matches!(
@@ -154,7 +155,7 @@ impl PictureChange {
         is_moved || is_recoloured || matches!(self, Panels | EqualChannels | Noise | Unscaled)
     }
 
-    /// The change without its measured numbers.
+    /// The change with its measured numbers set to 0.
     pub fn kind(self) -> Self {
         match self {
             Self::Strip(_) => Self::Strip([0; 2]),
@@ -179,7 +180,7 @@ worded! {
         Other = "the target of another pair",
         /// No target: the source's photograph.
         Source = "the source's photograph",
-        /// No target: the source's view, but not a copy of its photograph.
+        /// No target: the picture shows the source's view, but is not a copy of its photograph.
         SourceView = "the source's view",
     }
 }
@@ -209,7 +210,7 @@ pub enum ShownCamera {
 }
 
 impl ShownCamera {
-    /// Completes the sentence "its pictures".
+    /// The camera and what to check, as the predicate of a sentence that begins with "its pictures".
     pub fn text(self) -> String {
         let shown = match self {
             Self::Moved(percent) => {
@@ -253,7 +254,7 @@ impl ShownCamera {
         format!("show {shown}")
     }
 
-    /// Whether it clearly differs from the target's camera.
+    /// Whether this camera clearly differs from the target's.
     pub fn is_wrong(self) -> bool {
         !matches!(self, Self::Moved(65..150))
     }
@@ -287,8 +288,8 @@ pub struct Framing {
     pub zoom: i16,
     /// Clockwise rotation, thousandths of a degree.
     pub roll: i16,
-    /// Shift to the right and down, thousandths of the width. If the epipolar lines are parallel, the component along
-    /// them is left out.
+    /// Shift to the right and down, thousandths of the width. If all epipolar lines are parallel, the shift along them
+    /// is unknown and left out.
     pub shift: [i16; 2],
     /// OpenCV's coefficient k1 of radial distortion, in thousandths.
     #[serde(default, skip_serializing_if = "is_zero")]
@@ -303,13 +304,13 @@ impl Framing {
     /// Framings count as alike if their zoom, roll and shift differ by at most these values, in the units of the
     /// fields. In zoomed pictures, larger differences are allowed.
     const UNEVEN: [i16; 3] = [25, 700, 4];
-    /// A framing counts as wrong if its zoom, roll or shift differs from the target's by at least these values, in the
-    /// units of the fields. In zoomed pictures, roll and shift must differ by more.
+    /// A framing is wrong if its zoom, roll or shift differs from the target's by at least these values, in the units
+    /// of the fields. In zoomed pictures, roll and shift must differ by more.
     const MIN_FRAMING: [i16; 3] = [15, 700, 5];
-    /// A distortion counts as wrong if the magnitude of [`Framing::lens`] is at least this.
+    /// A framing is wrong if the magnitude of [`Framing::lens`] is at least this.
     const MIN_LENS: i16 = 40;
-    /// Distortions count as alike if they differ by at most this, in thousandths, or by a quarter of the distortion if
-    /// that is larger.
+    /// Framings count as alike if their [`Framing::lens`] differs by at most this, or by a quarter of the value if that
+    /// is larger.
     const UNEVEN_LENS: i16 = 30;
 
     fn is_distorted(self) -> bool {
@@ -329,7 +330,7 @@ impl Framing {
         self.shift.iter().any(|by| by.abs() >= least)
     }
 
-    /// How many times less exact the measured rotation and shift are in a zoomed picture; 1 without zoom.
+    /// Factor by which rotation and shift are measured less exactly in a zoomed picture; 1 without zoom.
     fn coarser(self) -> i16 {
         if self.is_zoomed() {
             3 + (self.zoom - 1000).abs() / 50
@@ -342,8 +343,8 @@ impl Framing {
         self.is_zoomed() || self.is_rolled() || self.is_shifted() || self.is_distorted()
     }
 
-    /// Whether this measurement is compatible with the framing `other`. The shift of `other` must have both components;
-    /// the measurement's own shift may lack the component along its epipolar lines.
+    /// Whether this measurement is compatible with the framing `other`. The shift of `other` must be complete, whereas
+    /// this one may lack the component along its epipolar lines.
     pub fn is_like(self, other: Self) -> bool {
         let near = |a: i16, b: i16, most: i16| (a - b).abs() <= most;
         let [zoom, roll, shift] = Self::UNEVEN;
@@ -359,8 +360,8 @@ impl Framing {
             && off.abs() <= f64::from(times * shift)
     }
 
-    /// The framing that explains several measurements best. Each measurement has only one component of the shift: the
-    /// one across its own epipolar lines.
+    /// The framing that explains several measurements best; `None` if there are none. Each measurement contains only
+    /// one component of the shift: that across its own epipolar lines.
     pub fn common(framings: &[Self]) -> Option<Self> {
         let middle = |of: fn(&Self) -> i16| {
             let mut all: Vec<i16> = framings.iter().map(of).collect();
@@ -387,7 +388,7 @@ impl Framing {
         DVec2::from(self.shift.map(f64::from))
     }
 
-    /// Completes the sentence "what the target's camera would see".
+    /// The framing and what to do, to follow "what the target's camera would see" in a sentence.
     pub fn text(self) -> String {
         let mut parts = Vec::new();
         if self.is_distorted() {

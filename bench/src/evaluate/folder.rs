@@ -11,8 +11,8 @@
 //! RUN/common-region/…                       units scored on the region common to all methods (--common-region)
 //! RUN/scores.csv                            a table of the units
 //! RUN/timings.csv                           seconds, separate from the scores
-//! RUN/.lock                                 held by the writing process, or shared by those that run shards
-//! RUN/.scratch-…                            temporary files of that process
+//! RUN/.lock                                 locked by the writing process, or shared by the processes of shards
+//! RUN/.scratch-…                            temporary files of the writing process
 //! RUN/logs/METHOD.log                       standard error of an external program; logs/I-of-N/ for shards
 //! ```
 
@@ -43,9 +43,8 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Opens or creates a run folder for writing, and removes partial files of a killed process.
-    /// Fails for a folder that is neither empty nor a run, so that results are not mixed with other
-    /// files after a mistyped path.
+    /// Opens or creates a run folder for writing, and removes partial files of a killed process. Rejects other folders
+    /// that are not empty, so that a mistyped path does not mix results with other files.
     ///
     /// # Errors
     /// The error names the folder and why it cannot be used.
@@ -71,7 +70,8 @@ impl RunFolder {
     ) -> Result<(Self, bool), FileError> {
         fs::create_dir_all(root).map_err(FileError::new(root, "create"))?;
         let entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
-        // Dot files are ours: the lock, and partial files of a killed process.
+        // The program writes dot files (the lock, and partial files of a killed process), so they do not make a folder
+        // foreign.
         let foreign = entries
             .filter_map(Result::ok)
             .any(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
@@ -102,8 +102,8 @@ impl RunFolder {
         Ok((folder, is_locked))
     }
 
-    /// Opens a planned run for writing units concurrently with other processes. Units are written
-    /// atomically; if a unit is computed twice, both results are equal.
+    /// Opens a planned run so that several processes can write units at the same time. Files of units are replaced
+    /// atomically; if two processes compute the same unit, their results are equal.
     ///
     /// # Errors
     /// If there is no manifest, or a process holds the exclusive lock.
@@ -134,7 +134,7 @@ impl RunFolder {
         })
     }
 
-    /// The same folder, for reading and without the lock.
+    /// A handle to this folder for reading, which does not hold the lock.
     pub(super) fn unlocked(&self) -> Self {
         Self {
             root: self.root.clone(),
@@ -340,13 +340,13 @@ impl RunFolder {
         Ok(times)
     }
 
-    /// Whether the kept picture still has the bytes that were scored.
+    /// Whether the picture was kept and its file still has the bytes that were scored.
     pub fn has_picture(&self, unit: &Unit) -> bool {
         let sha256 = unit.picture.as_ref().and_then(|p| p.file_sha256.as_ref());
         self.has_file(unit, "png", sha256)
     }
 
-    /// Whether the kept linear picture still has the recorded bytes.
+    /// Whether the linear picture was kept and its file still has the recorded bytes.
     pub(super) fn has_float(&self, unit: &Unit) -> bool {
         let sha256 = unit.picture.as_ref().and_then(|p| p.float_sha256.as_ref());
         self.has_file(unit, "exr", sha256)
@@ -407,8 +407,8 @@ const MARK: &str = "sharp-bench run\n";
 /// Subfolders that runs write into.
 const WRITTEN: [&str; 4] = ["units", "predictions", "gaussians", "common-region"];
 
-/// Opens the lock file and locks it with `take`. Returns a flag that is false on file systems
-/// without locks.
+/// Opens the lock file and locks it with `take`. Also returns whether the file system supports locks; if not, the file
+/// is not locked.
 pub(crate) fn lock(
     root: &Path,
     take: fn(&File) -> Result<(), TryLockError>,

@@ -31,7 +31,7 @@ pub enum Stages {
 }
 
 impl Stages {
-    /// Whether units have scores afterwards.
+    /// Whether units have scores after these stages.
     pub fn scores(self) -> bool {
         matches!(self, Self::All | Self::Score)
     }
@@ -45,9 +45,9 @@ pub struct RunOptions {
     pub stages: Stages,
     pub keep: Keep,
     pub keep_gaussians: bool,
-    /// Memory limit, in bytes. If the Gaussians exceed their share of it, the rest is stored on disk. If the pictures
-    /// of a pair exceed theirs, they are made and scored in batches of at least one picture. The memory of the networks
-    /// is not included.
+    /// Memory limit, in bytes. A share of it is for the Gaussians of a source; Gaussians beyond it are stored on disk.
+    /// Another share is for the pictures of a pair; if they need more, they are made and scored in batches of at least
+    /// one picture. The memory of the networks is not included.
     pub memory_limit_bytes: u64,
 }
 
@@ -89,7 +89,7 @@ pub(super) struct Job<'a> {
     pub(super) renderer: &'a SharedRenderer,
     pub(super) keys: &'a Keys,
     pub(super) options: RunOptions,
-    /// Monotonic clock; only differences matter. Tests replace it.
+    /// Monotonic clock, of which only differences matter; tests replace it.
     pub(super) clock: fn() -> Duration,
     /// The executed shard, which has its own logs.
     pub(super) shard: Shard,
@@ -107,7 +107,7 @@ pub struct UnitCounts {
     pub scored: usize,
     pub failed: usize,
     pub waiting: usize,
-    /// Units not reached or not scored before the run was stopped.
+    /// Units that were not reached, or not scored, before the run was stopped.
     pub left: usize,
 }
 

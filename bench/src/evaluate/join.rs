@@ -1,5 +1,5 @@
-//! Combines folders. Units that occur in several folders are kept once, all others are added. If folders contradict
-//! each other, the error states how.
+//! Combines folders. A unit that occurs in several folders is kept once. If folders contradict each other, the error
+//! states how.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -61,7 +61,7 @@ pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
     join_under(folders, None)
 }
 
-/// Like [`join`], but if `aggregation` is given, all results are averaged by it, whatever rule the runs used.
+/// Like [`join`], but if `aggregation` is given, averages all results by it, even if the runs used another rule.
 ///
 /// # Errors
 /// Those of [`join`].
@@ -157,7 +157,7 @@ fn joined_results(a: Results, b: Results) -> Result<Results, String> {
         let at = |record: &Record| order.get(record.method.as_str()).copied();
         a.pair_id.cmp(&b.pair_id).then_with(|| at(a).cmp(&at(b)))
     });
-    // A unit that is missing in one folder may exist in the other.
+    // A unit missing in one input may exist in the other.
     let mut missing = a.missing;
     missing.extend(b.missing);
     for record in &records {
@@ -226,7 +226,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
             if results.missing.is_empty() {
                 return write_tables(&folder);
             }
-            // An unfinished run has no tables.
+            // Only finished runs have tables.
             folder.remove_tables()?;
             return Ok(results);
         }

@@ -1,4 +1,4 @@
-//! Keys of a unit's stages: each hashes exactly what can change that stage's result.
+//! Keys of a unit's stages: each is a hash of exactly those inputs that can change the stage's result.
 //!
 //! * *predict*: the method's identity and code, the source's photograph and camera, and the files that the method
 //!   reads. Also the source's depth if the method may see it, and the target's camera if the method makes pictures.
@@ -7,7 +7,7 @@
 //! * *score*, one per metric: the picture's pixels and region, the ground truth with its mask, and the metric with its
 //!   code.
 //!
-//! If a file cannot be read, its error is hashed instead: the unit will fail for that reason anyway.
+//! If a file cannot be read, its error is hashed instead; the unit will fail with this error anyway.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -131,7 +131,7 @@ impl Keys {
             Approach::Gaussians(_) | Approach::Pictures(_) => {
                 predict.add("target camera", &camera(planned.target));
             }
-            // These methods use the target's photograph, so its hash is part of the key.
+            // These methods read the target's photograph, so its hash is part of the key.
             Approach::Scales(_) | Approach::Target => {
                 predict.add("target", &self.view(planned.target));
             }
@@ -187,7 +187,7 @@ impl Keys {
         })
     }
 
-    /// Hash of the files that a method reads for a pair; `None` if it reads none, or one cannot be read.
+    /// Hash of the files that a method reads for a pair; `None` if the method reads no file, or a file cannot be read.
     fn method_files(&self, method: &dyn Method, pair_id: &str) -> Option<String> {
         let files = method.input_files(pair_id).ok()?;
         let mut hash = StableHasher::default();
@@ -199,8 +199,8 @@ impl Keys {
         (!files.is_empty()).then_some(hash)
     }
 
-    /// Compares the input files of stored units, by hash, with those on disk. Skips failed units, and units whose
-    /// dataset or method is not given.
+    /// Compares the input files of stored units, by hash, with those on disk. Skips failed units, and units of datasets
+    /// or methods that are not given.
     ///
     /// # Errors
     /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` is the advice at the end of its

@@ -14,20 +14,21 @@
 //! ```
 //!
 //! * [`mod@prepare`]: from a request to an evaluation; [`pipeline`]: processes the units of a [`job`] through `predict`
-//!   and `score`; `estimate`: its cost; [`mod@speed`]: times of inference and rendering.
+//!   and `score`; `estimate`: the cost of an evaluation; [`mod@speed`]: times of inference and rendering.
 //! * [`plan`]: planned pairs and methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard;
 //!   [`status`]: progress.
 //! * `keys`: hashed inputs of each stage; [`gaussians`]: predictions of sources, stored, rendered and compared with
-//!   their photographs; `picture_check`, `picture_framing`, `picture_layout`, `picture_levels`, `picture_motion`,
-//!   `picture_order`, `picture_placement`, `picture_shift` and `picture_stamp`: compare pictures with the photographs
-//!   that they predict, some of them with others, which `picture_sample` chooses; [`finding`]: the results of these
+//!   photographs.
+//! * `picture_check`, `picture_framing`, `picture_layout`, `picture_levels`, `picture_motion`, `picture_order`,
+//!   `picture_placement`, `picture_shift`, `picture_stamp` and `picture_tone`: compare pictures with their targets'
+//!   photographs, or those chosen by `picture_sample` with further photographs; [`finding`]: the results of these
 //!   comparisons; `picture_group`, `picture_agreement` and [`doubts`]: warnings about them.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]:
 //!   facts common to all results of a folder; `differences`: which facts may differ between combined results.
 //! * [`aggregation`]: means over pairs.
 //! * [`results`]: a folder as records and tables; [`bundle`]: results in one file; [`mod@join`]: combines folders;
-//!   [`mod@shown`]: selects and renames what is shown;
-//!   [`mod@rescore`]: rescores kept predictions; [`readings`]: scores them under other readings of a protocol.
+//!   [`mod@shown`]: selects and renames what is shown; [`mod@rescore`]: rescores kept predictions; [`readings`]: scores
+//!   them under other readings of a protocol.
 
 pub mod aggregation;
 pub mod bundle;

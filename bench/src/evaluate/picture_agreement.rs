@@ -10,17 +10,19 @@ use super::picture_group::{Extent, PictureGroup, scene_of};
 use super::picture_order::{is_reframed, is_resized};
 use super::record::Record;
 
-/// A change of a dataset's pictures is reported only if at least this many have it.
+/// A change is reported for a dataset only if at least this many of its pictures have it.
 const MIN_CHANGED: usize = 3;
-/// A change of a dataset's pictures is reported only if at least this share of them have it.
+/// A change is reported for a dataset only if at least this share of its pictures have it.
 const MIN_SHARE: f64 = 0.8;
 /// [`MIN_SHARE`] for crops, padding and the limited range of video, which unaltered pictures rarely resemble.
 const MIN_SHARE_DISTINCTIVE: f64 = 0.5;
-/// [`MIN_SHARE`] for stretched levels. Stretching hardly changes pictures whose photograph contains black and white.
+/// [`MIN_SHARE`] for stretched levels, because stretching hardly changes pictures whose photograph contains black and
+/// white.
 const MIN_SHARE_STRETCHED: f64 = 0.25;
-/// [`MIN_SHARE`] for visible changes.
+/// [`MIN_SHARE`] for changes that are [visible](PictureChange::is_visible).
 const MIN_SHARE_VISIBLE: f64 = 0.1;
-/// Pictures with a clear change are named if at least this many have it, even if the dataset's other pictures do not.
+/// Pictures with a [clear](PictureChange::is_clear) change are named if at least this many have it, even if too few of
+/// the dataset's pictures have it for a finding on the dataset.
 const MIN_NAMED: usize = 2;
 /// Pictures with a clear change are named only if they are at least this share of the dataset's pictures.
 const MIN_SHARE_NAMED: f64 = 0.02;
@@ -31,11 +33,11 @@ const MIN_REPEATED: usize = 3;
 const MAX_UNEVEN: f64 = 8.0;
 /// [`MAX_UNEVEN`] as a share of the thickness; the larger of the two counts.
 const MAX_UNEVEN_SHARE: f64 = 0.1;
-/// Pictures count as stretched one by one only if their gains differ by at least this, in percent. Equal gains mean
-/// another exposure.
+/// Pictures count as stretched one by one only if their gains differ by at least this, in percent. Equal gains are
+/// rather due to another exposure.
 const MIN_SPREAD: i16 = 5;
 
-/// The sentences of [`agreed_changes`]. Crops and padding are not reported if a wrong camera explains them.
+/// The sentences of [`agreed_changes`], without crops and padding if a wrong camera explains them.
 pub(super) fn changed_pictures(group: &PictureGroup<'_, &Record>) -> Vec<String> {
     let is_reframed = is_reframed(group);
     let change = |record: &&Record| {
@@ -49,9 +51,9 @@ pub(super) fn changed_pictures(group: &PictureGroup<'_, &Record>) -> Vec<String>
     agreed_changes(&pictures, &format!("of {}", group.name), group.extent)
 }
 
-/// A sentence on each change that enough of the named `pictures` share. In a dataset, clear and visible changes need a
-/// smaller share. `photographs` completes "the photographs …" in the sentence, as in "of DATASET"; it names those that
-/// the pictures were compared with.
+/// A sentence on each change that enough of the named `pictures` share. In a dataset, a smaller share suffices for
+/// clear and visible changes. `photographs` says which photographs the pictures were compared with, as in "of DATASET";
+/// it follows "the photographs" in the sentence.
 pub(crate) fn agreed_changes(
     pictures: &[(&str, Option<PictureChange>)],
     photographs: &str,
@@ -172,7 +174,7 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
     }
 }
 
-/// Names of the pictures with a kind of change, or of the scene if all of its pictures have it.
+/// Names of the pictures with a kind of change, or the scene's name if all of its pictures have it.
 fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> String {
     let mut by_scene: BTreeMap<&str, [Vec<&str>; 2]> = BTreeMap::new();
     for (name, change) in pictures {
@@ -191,7 +193,8 @@ fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> Str
     listed(names.iter().map(String::as_str).collect())
 }
 
-/// A sentence if several targets have the same predicted file. Copies of the source are reported elsewhere.
+/// Warns if several targets have the same predicted file, unless that is the source's photograph, which is reported
+/// elsewhere.
 pub(super) fn repeated_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let records = || group.pictures.iter();
     if records().any(|record| record.shows == Some(ShownTarget::Source)) {
@@ -205,8 +208,8 @@ pub(super) fn repeated_pictures(group: &PictureGroup<'_, &Record>) -> Option<Str
     repeated(&files.collect::<Vec<_>>())
 }
 
-/// A sentence if some of the `pictures` are equal although their targets are not. Each picture is given as its name and
-/// two contents: its own and its target's.
+/// Warns if some pictures are equal although their targets are not. Each picture is given as its name, and its own and
+/// its target's content.
 pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
     let mut targets: BTreeMap<&T, BTreeSet<&T>> = BTreeMap::new();
     for (_, [picture, target]) in pictures {

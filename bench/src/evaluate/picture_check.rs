@@ -2,8 +2,8 @@
 //! the target's photograph.
 //!
 //! Poor predictions must not raise false alarms, so a change is reported only if undoing it brings nearly all pictures
-//! of a dataset significantly closer to their photographs. Shifts are not tried here, because parallax that a method
-//! ignores moves all pictures of a stereo dataset alike. Scores do not depend on this check.
+//! of a dataset significantly closer to their photographs. Shifts are not tried here: if a method ignores parallax, all
+//! its pictures of a stereo dataset are shifted alike. Scores do not depend on this check.
 
 use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotate270, thumbnail};
 use image::{GenericImageView, Rgb, RgbImage};
@@ -22,29 +22,30 @@ use crate::scoring::Region;
 
 /// Maximum width compared, in pixels.
 const WIDTH: u32 = 160;
-/// A mirroring or rotation is reported only if undoing it brings a picture closer to its photograph by at least this,
+/// A mirroring or rotation is reported only if undoing it brings the picture closer to its photograph by at least this,
 /// in dB.
 const MIN_GAIN: f64 = 1.0;
 /// [`MIN_GAIN`] for swapped channels, which hardly change brightness, in dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
-/// [`MIN_GAIN`] for another transfer function, in dB. Linear light stored as sRGB loses far more; a wrong exposure
-/// loses less.
+/// [`MIN_GAIN`] for another transfer function, in dB. If linear light was stored as sRGB, undoing it gains far more;
+/// undoing a wrong exposure gains less.
 const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
-/// If undoing a transfer function brings the sorted levels closer by at least this, in dB, it need not also fit them
-/// better than every change of brightness and contrast. Poor predictions do not have their photographs' levels.
+/// If undoing a transfer function brings the sorted levels closer by at least this, in dB, it is reported even if
+/// changes of brightness and contrast fit about as well. Poor predictions, whose levels are not those of the
+/// photograph, gain less.
 const MIN_GAIN_BY_RANK: f64 = 8.0;
-/// [`MIN_GAIN`] for another range of levels, which other exposures resemble, in dB.
+/// [`MIN_GAIN`] for another range of levels, in dB, because other exposures resemble other ranges.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
-/// Other colour spaces are tried only if the PSNR is below this, in dB, to save time. Pictures stored in another space
+/// Other colour spaces are tried only below this PSNR, in dB, to save time. Pictures stored in another colour space
 /// have 8 to 13 dB.
 const MAX_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end of the range, because JPEG and resampling cause ringing there.
 const BEYOND_ENDS: f64 = 0.002;
-/// A picture is a negative if its correlation with the photograph is below this; red and blue are swapped if the
-/// correlation of their difference is. Poor predictions have 0.4 to 0.8, and a tint does not matter.
+/// A picture is a negative if its correlation with the photograph is below this. Red and blue are swapped if the
+/// correlation of red minus blue is below this. Poor predictions have 0.4 to 0.8, and a tint does not matter.
 const MAX_OPPOSED_CORRELATION: f64 = -0.4;
-/// A change is reported only if the picture, after undoing it, explains at least this share of the photograph's
-/// variance; poor predictions reach a quarter.
+/// A change is reported only if the picture explains at least this share of the photograph's variance once the change
+/// is undone. Poor predictions reach a quarter.
 const MIN_EXPLAINED: f64 = 0.2;
 /// A picture whose correlation with the photograph is below this has little in common with it.
 pub(super) const UNLIKE: f64 = 0.15;
@@ -73,14 +74,13 @@ const OTHER_SPACES: [OtherSpace; 9] = [
     (PictureChange::Lab, from_lab, [2, 1, 0]),
 ];
 
-/// Whether this kind of method reads pictures stored by other programs.
+/// Whether methods of this kind read pictures stored by other programs.
 pub(super) fn is_checked(kind: &str) -> bool {
     ["imported", "command"].contains(&kind)
 }
 
-/// Sets [`Record::change`] if undoing a change brings the picture significantly closer to the photograph,
-/// or to the part that it covers.
-/// `source` reads the source's photograph, shrunk.
+/// Sets [`Record::change`] if undoing a change brings the picture significantly closer to the photograph, or to the
+/// part of the photograph that the picture covers. `source` reads the source's photograph, shrunk.
 pub(super) fn note_change(
     record: &mut Record,
     photograph: &RgbImage,
@@ -95,15 +95,16 @@ pub(super) fn note_change(
         Some(PictureChange::Photograph)
     } else {
         likely_change(&part, picture).or_else(|| {
-            // If a method ignored a large motion, its picture looks like the source.
+            // The picture also counts as related if it resembles the source: the method may have ignored a large
+            // motion.
             let is_other = is_unlike(&shrunk(&part), picture) && is_unlike(&source()?, picture);
             is_other.then_some(PictureChange::Unlike)
         })
     };
 }
 
-/// How a stored picture was probably altered; `None` if no change is visible in it or brings it significantly nearer to
-/// its photograph.
+/// How a stored picture was probably altered; `None` unless the picture shows traces of a change, or undoing a change
+/// brings it significantly closer to its photograph.
 pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<PictureChange> {
     let layout = layout_change(photograph, picture);
     if layout.is_some() {
@@ -140,15 +141,15 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
 }
 
 /// Whether normalising the photograph by ImageNet's mean and standard deviation brings it significantly closer to the
-/// picture than any change of brightness and contrast. (CLIP's values are too similar to tell apart.)
+/// picture than any change of brightness and contrast. CLIP's values are too similar to need their own test.
 fn is_normalised(seen: &RgbImage, shown: &RgbImage) -> bool {
     let fit = |seen: &RgbImage| Likeness::of(shown, Region::whole(shown.dimensions()), seen);
     let (as_read, normalised) = (fit(seen), fit(&mapped(seen, normalised)));
     normalised.is_nearer_than(&as_read) && normalised.is_nearer_than_exposed(&as_read)
 }
 
-/// The change whose undoing brings a shrunk picture closest to its photograph; `None` if none brings it significantly
-/// closer. `ends` are the [`ends()`] of the picture at full size.
+/// The change whose undoing brings the shrunk picture `shown` closest to its photograph `seen`; `None` if none brings
+/// it significantly closer. `ends` are the [`ends()`] of the picture at full size, whose width and height come last.
 fn undone_change(
     seen: &RgbImage,
     shown: &RgbImage,
@@ -171,8 +172,8 @@ fn undone_change(
     let encoded = |transfer: fn(f32) -> f32| {
         let level = |v: u8| quantize(transfer(f32::from(v) / 255.0), Quantization::Round);
         let changed = mapped(shown, |color| color.map(level));
-        // Levels sorted by rank do not depend on position. A mere change of exposure would be fitted by brightness and
-        // contrast.
+        // Compare levels sorted by rank, because they do not depend on position, and allow for brightness and contrast,
+        // because a mere change of exposure is not a transfer function.
         let by_rank = |of: &RgbImage| Likeness::of(&ranked(seen), whole, &ranked(of));
         let fit = nearer(&changed, MIN_GAIN_OF_TRANSFER);
         fit.filter(|_| {
@@ -181,7 +182,7 @@ fn undone_change(
             after.is_nearer_than_exposed(&before) || is_far_nearer && after.is_closer_than(&before)
         })
     };
-    // Ignore black, which gives no evidence of a range: it may be a hole, or clipped.
+    // Ignore black, which may be a hole or clipped and is therefore no evidence of a range.
     let lit = |of: &dyn Fn(u8) -> u8| {
         let mut lit = shown.clone();
         for (own, seen) in lit.iter_mut().zip(seen.iter()) {
@@ -190,7 +191,7 @@ fn undone_change(
         fit(&lit)
     };
     let ranged = |undo: fn(f32) -> f32, is_bound: bool| {
-        // The conversion saturates outside 0..255.
+        // The conversion to u8 saturates outside 0..255.
         let (before, after) = (lit(&|v| v), lit(&|v| undo(f32::from(v)).round() as u8));
         let is_right = after.explained() >= MIN_EXPLAINED
             && after.gain_over(&before) >= MIN_GAIN_OF_RANGE
@@ -262,7 +263,7 @@ pub(crate) fn shrunk(picture: &RgbImage) -> RgbImage {
     thumbnail(picture, to, (height * to / width).max(1))
 }
 
-/// True if a picture that is not uniform has little in common with a [`shrunk`] photograph.
+/// True if a picture has little in common with a [`shrunk`] photograph. False for uniform pictures.
 pub(crate) fn is_unlike(small: &RgbImage, picture: &RgbImage) -> bool {
     let shown = thumbnail(picture, small.width(), small.height());
     let fit = Likeness::of(small, Region::whole(small.dimensions()), &shown);

@@ -1,7 +1,7 @@
 //! Detects pictures that frame the target differently: zoomed, rolled, shifted or distorted by a lens.
 //!
-//! Wrong depths move the content of a picture only along epipolar lines. Displacements across them are evidence of a
-//! wrong camera or a crop, however poor the prediction is.
+//! Wrong depths move the content of a picture only along epipolar lines. Displacements across these lines are therefore
+//! evidence of a wrong camera or a crop, however poor the prediction is.
 
 use glam::{DMat2, DMat4, DVec2, DVec3, DVec4};
 use image::imageops::{sample_bilinear, thumbnail};
@@ -13,16 +13,16 @@ use super::picture_motion::{HALF, MIN_CONTRAST, correlation, patch};
 
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [12, 8];
-/// Minimum distance of block centres from the edges, in pixels. It is doubled because blocks keep their size when
-/// pictures are halved.
+/// Minimum distance of block centres from the edges, in pixels. Twice the space that a block needs, because blocks keep
+/// their size when pictures are halved.
 const INSET: f64 = 2.0 * HALF as f64 + 1.0;
-/// Radius of the first search for a block, around its own place in the picture of half size, as a share of the width.
+/// Radius of the first search for a block, around its place in the target, both at half size, as a share of the width.
 const REACH: f64 = 0.15;
-/// Radius of the second search, around the place found by the first, in pixels of the shrunk picture.
+/// Radius of the second search, around the place found by the first, in pixels at the shrunk size.
 const REFINED_REACH: i32 = 2;
-/// A block is found only where its correlation is at least this.
+/// A block is found only if its best correlation is at least this.
 const MIN_CORRELATION: f64 = 0.7;
-/// A block is found only if its correlation is lower elsewhere by at least this.
+/// A block is found only if its best correlation exceeds that at other places by at least this.
 const MIN_DISTINCTION: f64 = 0.05;
 /// Framing is measured only if at least this many blocks are found.
 const MIN_FOUND: usize = 12;
@@ -30,30 +30,30 @@ const MIN_FOUND: usize = 12;
 const MIN_FOUND_SHARE: f64 = 0.15;
 /// Number of steps of a fit by reweighted least squares.
 const STEPS: usize = 12;
-/// Weight of the prior for an unchanged framing, in blocks.
+/// Weight of the prior for an unchanged framing, relative to one block.
 const PRIOR: f64 = 0.05;
-/// A block agrees with a fit if its distance from it is at most this, in pixels.
+/// A block agrees with a fit if its residual is at most this, in pixels.
 const MAX_OFF_FIT: f64 = 1.0;
 /// A fit is accepted only if at least this share of the blocks agree with it.
 const MIN_AGREEING: f64 = 0.6;
 /// A fit is accepted only if it lowers the mean distance from the epipolar lines by at least the first number, in
-/// pixels, and to at most the second number as a fraction of the distance before.
+/// pixels, and to at most the second number times the distance without the fit.
 const GAIN: (f64, f64) = (0.3, 0.5);
-/// [`GAIN`] for a distortion, which hardly moves the middle.
+/// [`GAIN`] for a lens's distortion, which hardly moves the middle of the picture.
 const GAIN_OF_LENS: (f64, f64) = (0.1, 0.6);
-/// Zooms that differ from 1 by at least this are undone, and the blocks searched again.
+/// A zoom is undone, and the blocks searched again, if it differs from 1 by at least this fraction.
 const MIN_RESAMPLED_ZOOM: f64 = 0.01;
-/// Maximum number of these repeated searches.
+/// Maximum number of searches with a zoom undone.
 const MAX_RESAMPLINGS: usize = 4;
-/// Zooms that are undone if too few blocks are found.
+/// Zooms to undo if too few blocks are found without.
 const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
 /// Distances from the epipolar lines are limited to this, in pixels, so that outliers do not dominate.
 const MAX_DISTANCE: f64 = 3.0;
 
-/// Measures how a picture frames its target; `None` if the framing is correct or cannot be measured. Picture and
-/// target's photograph are shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is
-/// that of the pose that maps from the source's camera to the target's. Large zooms, at which hardly any block is
-/// found, are not tried if the content `is_moving` as in the target.
+/// Measures how the picture `shown` frames its target; `None` if the framing is correct or cannot be measured. Both are
+/// shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is that of the pose from the
+/// source's camera to the target's. If the content moves as in the target (`is_moving`), large zooms, at which hardly
+/// any block is found, are not tried.
 pub(super) fn shown_framing(
     intrinsics: Intrinsics,
     translation: DVec3,
@@ -89,7 +89,7 @@ pub(super) fn shown_framing(
             best = found.into_iter().max_by_key(|found| found.lines.len())?;
         }
     }
-    // Blocks of another size are hard to find, so the picture is resampled by the measured zoom and searched again.
+    // Blocks of another size are hard to find, so undo the measured zoom and search again.
     for _ in 0..MAX_RESAMPLINGS {
         let zoom = best.zoom * (1.0 + best.fit?.x / view.half);
         if (zoom / best.zoom - 1.0).abs() < MIN_RESAMPLED_ZOOM {
@@ -102,7 +102,7 @@ pub(super) fn shown_framing(
         best = again;
     }
     let fit = best.fit.filter(|fit| view.agrees(&best.lines, *fit))?;
-    // A displacement in the resampled picture is smaller than in the picture itself by the zoom.
+    // Displacements were measured in the resampled picture; multiply by the zoom for those in the picture itself.
     let fit = DVec4::new(fit.x + view.half, fit.y, fit.z, fit.w) * best.zoom;
     view.framing(fit - DVec4::X * view.half)
 }
@@ -119,11 +119,11 @@ struct FramedTarget<'a> {
     target: &'a RgbImage,
 }
 
-/// One block's equation: the coefficients of the unknowns zoom, roll and shift (see [`fitted`]), and the block's
-/// displacement across its epipolar line, in pixels.
+/// One block's equation: the coefficients of zoom, roll and shift (see [`fitted`]), and the block's displacement across
+/// its epipolar line, in pixels.
 type Line = (DVec4, f64);
 
-/// A measurement of a picture after undoing a zoom.
+/// Blocks found in a picture after undoing a zoom, and their fit.
 struct Measured {
     zoom: f64,
     lines: Vec<Line>,
@@ -151,14 +151,14 @@ fn blocks_of(target: &RgbImage) -> Vec<DVec2> {
 }
 
 impl FramedTarget<'_> {
-    /// The blocks of the target that are found in a picture.
+    /// The equations of those of the target's blocks that are found in a picture.
     fn lines(&self, shown: &RgbImage) -> Vec<Line> {
         let (width, height) = self.target.dimensions();
         let [target, coarse] =
             [self.target, shown].map(|p| thumbnail(p, width.div_ceil(2), height.div_ceil(2)));
         let reach = (REACH * f64::from(width) / 2.0) as i32;
         let lines = self.blocks.iter().filter_map(|centre| {
-            // Another depth moves the block's content along this direction.
+            // A wrong depth moves the block's content along this direction.
             let from_middle = *centre - self.middle;
             let along = self.focal * self.translation.truncate() - from_middle * self.translation.z;
             let beside = along.perp().try_normalize()?;
@@ -188,25 +188,25 @@ impl FramedTarget<'_> {
         Measured { zoom, lines, fit }
     }
 
-    /// Whether most blocks agree with a fit.
+    /// Whether at least [`MIN_AGREEING`] of the blocks agree with a fit.
     fn agrees(&self, lines: &[Line], fit: DVec4) -> bool {
         let near = |(row, off): &&Line| (off - row.dot(fit)).abs() <= MAX_OFF_FIT;
         lines.iter().filter(near).count() as f64 >= MIN_AGREEING * lines.len() as f64
     }
 
-    /// Whether a fit explains the blocks, and clearly better than the target's own framing.
+    /// Whether most blocks agree with a fit, and it explains them clearly better than the target's own framing.
     fn is_clear(&self, lines: &[Line], fit: DVec4) -> bool {
         let [before, after] = [DVec4::ZERO, fit].map(|fit| off(lines, |row| row.dot(fit)));
         self.agrees(lines, fit) && is_gain(before, after, GAIN)
     }
 
-    /// The radial distortion (OpenCV's k1) that explains the blocks clearly better than the target's own camera and
-    /// than the `framing` that explains them.
+    /// The radial distortion (OpenCV's k1) that explains the blocks clearly better than the target's own camera does,
+    /// and at least as well as the fit `framing`; `None` if there is none.
     fn lens(&self, measured: &Measured, framing: Option<DVec4>) -> Option<f64> {
         measured.fit?;
         let lines = &measured.lines;
-        // A lens displaces a block as a zoom does (the row's first component), times the squared distance from the
-        // middle. The block's place follows from the row's direction and its first two components.
+        // A lens displaces a block by the zoom's displacement (the row's first component) times the squared distance
+        // from the middle. The row's direction and its first two components determine the block's place.
         let by_lens = |row: &DVec4, k1: f64| {
             let at = DMat2::from_cols(DVec2::new(row.z, row.w), DVec2::new(-row.w, row.z))
                 * DVec2::new(row.x, -row.y)
@@ -248,7 +248,8 @@ impl FramedTarget<'_> {
         framing.is_wrong().then_some(framing)
     }
 
-    /// The picture at the target's focal length if its own is `zoom` times as long; black outside.
+    /// Resamples a picture whose focal length is `zoom` times the target's to the target's focal length; black outside
+    /// the picture.
     fn resampled(&self, shown: &RgbImage, zoom: f64) -> RgbImage {
         let (width, height) = shown.dimensions();
         RgbImage::from_fn(width, height, |x, y| {
@@ -260,7 +261,7 @@ impl FramedTarget<'_> {
     }
 }
 
-/// Mean distance from the epipolar lines after subtracting a displacement, in pixels.
+/// Mean distance from the epipolar lines, in pixels, after subtracting the displacements `moved`.
 fn off(lines: &[Line], moved: impl Fn(&DVec4) -> f64) -> f64 {
     let all = lines
         .iter()
@@ -289,7 +290,7 @@ fn locate([of, shown]: [&RgbImage; 2], centre: DVec2, start: DVec2, reach: i32) 
         let near = all.iter().find(|(off, _)| *off == best.0 + by);
         near.map_or(best.1, |(_, like)| *like)
     };
-    // The vertex of a parabola through the neighbours.
+    // Refine by the vertex of the parabola through the correlations at the neighbours.
     let between = [DVec2::X, DVec2::Y].map(|axis| {
         let [before, after] = [like(-axis), like(axis)];
         let curvature = (2.0 * best.1 - before - after).max(1e-6);
@@ -299,8 +300,8 @@ fn locate([of, shown]: [&RgbImage; 2], centre: DVec2, start: DVec2, reach: i32) 
     is_found.then_some(best.0 + DVec2::from(between))
 }
 
-/// Fits zoom, roll and shift to distances from the epipolar lines by least absolute deviation. Zoom and roll are given
-/// as displacements at half a width from the principal point; all are in pixels.
+/// Fits zoom, roll and shift to displacements across epipolar lines by least absolute deviation, in pixels. Zoom and
+/// roll are given as the displacement at half a width from the principal point.
 fn fitted(lines: &[(DVec4, f64)]) -> Option<DVec4> {
     let mut fit = DVec4::ZERO;
     for _ in 0..STEPS {

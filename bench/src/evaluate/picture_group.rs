@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-/// A scene is examined on its own only if it has at least this many pictures.
+/// A scene is examined separately only if it has at least this many pictures.
 const FEWEST_IN_SCENE: usize = 4;
-/// A finding on a scene is reported only if at least this share of its pictures have it, because poor predictions of one
-/// scene often err alike.
+/// A finding on a scene is reported only if at least this share of its pictures have it, because poor predictions of
+/// one scene often have the same errors.
 const MIN_SHARE_IN_SCENE: f64 = 0.8;
 
-/// What a group of pictures has in common. A finding on a scene needs more evidence.
+/// Whether a group is a dataset or one of its scenes. A finding on a scene needs more evidence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Extent {
     Dataset,
@@ -41,8 +41,8 @@ pub(crate) struct PictureGroup<'a, T> {
     pub pictures: &'a [T],
 }
 
-/// Applies a check to all pictures of a dataset and, if it reports nothing, to those of each scene. Each picture is
-/// given with the name of its scene. Findings on a scene begin with its name.
+/// Applies `check` to all pictures of a dataset and, if this finds nothing, to the pictures of each scene. Each picture
+/// is given with the name of its scene, with which findings on a scene begin.
 pub(crate) fn all_or_scenes<T: Copy>(
     dataset: &str,
     pictures: &[(String, T)],

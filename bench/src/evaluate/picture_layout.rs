@@ -1,6 +1,6 @@
 //! Detects pictures with bars, margins, missing rows or interlaced rows, at full resolution.
 //!
-//! Holes of a rendering are not reported, because their edges follow the scene, or they are on one side or on all sides.
+//! Holes of a rendering are not reported: their edges follow the scene, or they are on one side or on all sides.
 
 use image::RgbImage;
 
@@ -10,15 +10,15 @@ use super::finding::PictureChange;
 const MAX_WITHIN_COLOUR: u8 = 8;
 /// Levels from this one on count as white.
 const MIN_WHITE: u8 = 247;
-/// Bars and margins cover at least one in this many lines.
+/// Bars and margins are reported only if at least one in this many lines belongs to them.
 const BAR: u32 = 50;
-/// Unfinished pictures are missing at least one in this many rows.
+/// Unfinished pictures are reported only if at least one in this many rows is missing.
 const MISSING: u32 = 5;
 /// Two bars count as equally thick if their thickness differs by at most this, in pixels.
 const MAX_UNEVEN: u32 = 2;
-/// Neighbouring rows of interlaced pictures differ more than rows two apart, by this factor.
+/// In interlaced pictures, neighbouring rows differ at least this many times as much as rows two apart.
 const MIN_STEPS: f64 = 1.2;
-/// In pictures that are not interlaced, and between columns, the factor is at most this.
+/// [`MIN_STEPS`] as an upper limit, for rows of pictures that are not interlaced and for columns.
 const MAX_STEPS: f64 = 1.05;
 /// Share of the lines that are equal to the previous line in pictures enlarged by 1.3 to 16 times.
 const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;
@@ -27,7 +27,7 @@ const MAX_REPEATED: usize = 15;
 /// Maximum size of the central part in which steps are measured, in pixels.
 const STEPS_WITHIN: u32 = 256;
 
-/// The change that the arrangement of a picture's pixels shows, if any.
+/// The change that the layout of a picture shows, such as bars or interlaced rows.
 pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option<PictureChange> {
     if photograph.dimensions() != picture.dimensions() {
         return None;
@@ -62,8 +62,8 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     is_change.then_some(PictureChange::Blocks)
 }
 
-/// The share of the rows (or columns) of `picture` that are equal to the previous one. 1 if more than `MAX_REPEATED`
-/// successive ones are, as in bars.
+/// The share of the rows (or columns) of `picture` that equal the previous one. Returns 1 if more than `MAX_REPEATED`
+/// successive ones do, as in bars.
 fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     let (width, height) = picture.dimensions();
     let all = if is_row { height } else { width };
@@ -78,8 +78,8 @@ fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     equal.iter().filter(|is| **is).count() as f64 / equal.len().max(1) as f64
 }
 
-/// The thickness of a strip along the first or last row, in thousandths of the height. Strips along columns are not
-/// evidence, because a uniform shift leaves the same hole.
+/// The thickness of a strip along the first or last row, in thousandths of the height. Strips along columns are
+/// ignored, because a horizontal shift of the camera leaves the same hole.
 fn strip(rows: &Sides, columns: &Sides) -> Option<[i16; 2]> {
     let side = match (rows.thickness, columns.thickness) {
         ([_, 0], [0, 0]) => 0,
@@ -97,12 +97,12 @@ fn strip(rows: &Sides, columns: &Sides) -> Option<[i16; 2]> {
 struct Sides {
     /// Number of lines in the picture.
     all: u32,
-    /// Number of lines of one colour along the first and the last side.
+    /// Number of successive lines of one colour along the first side and along the last.
     thickness: [u32; 2],
     colours: [[u8; 3]; 2],
-    /// Whether the photograph varies along most of these lines.
+    /// For each side, whether the photograph varies along most of these lines.
     vary: [bool; 2],
-    /// Whether the line after them has hardly any pixels of their colour.
+    /// For each side, whether the next line has hardly any pixels of their colour.
     is_sharp: [bool; 2],
 }
 
@@ -149,7 +149,7 @@ impl Sides {
         self.are_bars() && self.thickness[0].abs_diff(self.thickness[1]) <= MAX_UNEVEN
     }
 
-    /// Whether only the last side has one colour, a grey one.
+    /// Whether only the last side has lines of one colour, a grey.
     fn is_unfinished(&self) -> bool {
         let [first, last] = self.thickness;
         let [r, g, b] = self.colours[1];
@@ -187,7 +187,8 @@ fn is_alike(a: [u8; 3], b: [u8; 3]) -> bool {
         .all(|(a, b)| a.abs_diff(b) <= MAX_WITHIN_COLOUR)
 }
 
-/// The mean difference of neighbouring rows (or columns), divided by that of rows two apart.
+/// The mean difference of neighbouring rows (or columns), divided by the mean difference of rows (or columns) two
+/// apart.
 fn steps(picture: &RgbImage, is_row: bool) -> f64 {
     let (width, height) = picture.dimensions();
     let size = [width, height].map(|n| n.min(STEPS_WITHIN));

@@ -5,24 +5,26 @@ use image::imageops::thumbnail;
 use image::{Rgb, RgbImage};
 use sharp::color::{Quantization, quantize, srgb_from_linear};
 
-/// Ends of the limited range of video, each with how far the measured end may be off, in levels.
+/// Ends of the limited range of video, each with the tolerance of its measurement, in levels.
 const LIMITED: [(f64, f64); 2] = [(16.0, 2.5), (235.0, 3.0)];
-/// Widths, in pixels, to which both pictures are reduced to measure where black and white ended up. Two are used
-/// because blur lowers the contrast more at the larger one.
+/// Widths, in pixels, to which both pictures are reduced to measure the levels of black and white. At the larger width,
+/// blur lowers the contrast more, so two widths tell blur from another range.
 const WIDTHS: [u32; 2] = [32, 80];
 /// Lowest and highest level of a picture in the limited range, with some tolerance because JPEG overshoots.
 const WITHIN: [u8; 2] = [12, 239];
 /// Levels wrapped around only if at least this share of the pixels have a wrapped channel.
 const MIN_WRAPPED: f64 = 5e-4;
-/// A picture is right apart from wrapped levels if the median difference of its mid-tones is at most this.
+/// Wrapped levels are reported only if the median difference of the mid-tones is at most this.
 const MAX_MID_TONE_DIFFERENCE: u8 = 30;
 /// Maximum number of pixels compared.
 const SAMPLES: u32 = 32_768;
-/// In a stretched picture, the share of the levels at each end of the range exceeds the photograph's by at most this.
+/// Stretching explains a picture's share of levels 0 (or 255) if it exceeds the photograph's share of darkest (or
+/// brightest) levels by at most this.
 const MAX_SHARE_AT_ENDS: f64 = 2e-4;
 /// A picture was stretched only if its contrast grew by at least this factor.
 const MIN_STRETCH: f64 = 1.04;
-/// The photograph's range, stretched as the picture was, may differ from 0..255 by at most this at either end, in levels.
+/// The ends of the photograph's range, stretched as the picture was, may differ from 0 and 255 by at most this, in
+/// levels.
 const MAX_OFF_ENDS: f64 = 30.0;
 /// A photograph is coloured if the mean difference of its channels is at least this, in levels.
 const MIN_COLOUR: usize = 8;
@@ -32,18 +34,21 @@ const NOISE: [f64; 2] = [0.1, 0.5];
 const IMAGENET: [(f64, f64); 3] = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)];
 /// CLIP's mean and standard deviation of red, green and blue, 0..1.
 const CLIP: [(f64, f64); 3] = [(0.4815, 0.2686), (0.4578, 0.2613), (0.4082, 0.2758)];
-/// A line maps each channel's levels in the photograph to its levels in the picture. Lines are compared at these levels
-/// of the photograph.
+/// For each channel, a line maps the photograph's levels to the picture's. Lines are compared at these levels of the
+/// photograph.
 const COMPARED: [f64; 2] = [60.0, 190.0];
-/// The channels match a normalisation if their lines differ from its lines by at most this, as root mean square levels.
+/// The channels match a normalisation if their lines differ from those of the normalisation by at most this root mean
+/// square, in levels.
 const MAX_OFF_LINES: f64 = 3.0;
-/// The channels have different lines if these differ from equal lines by at least this, as root mean square levels.
+/// The channels are treated differently if their lines differ from their common mean by at least this root mean square,
+/// in levels.
 const MIN_OFF_EQUAL_LINES: f64 = 5.0;
 /// A line describes a channel only if its correlation with the photograph's channel is at least this.
 const MIN_CORRELATION: f64 = 0.8;
 
-/// Whether black and white of a photograph became 16 and 235: matching the mean and standard deviation puts them there
-/// at two resolutions, and the picture's `ends` lie in that range. Other losses of contrast put them at other levels.
+/// Whether a photograph's black and white became 16 and 235. The line that matches mean and standard deviation must map
+/// them there at two resolutions, and the picture's `ends` must lie in that range. Other losses of contrast give other
+/// levels.
 pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bool {
     let is_near = |width: u32| {
         let [seen, shown] = [seen, shown].map(|p| moments(narrowed(p, width).iter()));
@@ -58,7 +63,7 @@ pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bo
     ends[0] >= WITHIN[0] && ends[1] <= WITHIN[1] && WIDTHS.into_iter().all(is_near)
 }
 
-/// A picture reduced to a width, if it is wider.
+/// A picture reduced to the given width; narrower pictures keep theirs.
 fn narrowed(picture: &RgbImage, width: u32) -> RgbImage {
     let (full, height) = picture.dimensions();
     let width = width.min(full);
@@ -73,8 +78,8 @@ fn moments<'a>(levels: impl Iterator<Item = &'a u8> + Clone) -> (f64, f64) {
     (mean, (sum(&|v| (v - mean).powi(2)) / count).sqrt())
 }
 
-/// Whether levels beyond 0..255 wrapped around: near white or black, some channels are at the other end. Only colours
-/// that the photograph hardly has are evidence, and only if the mid-tones are right.
+/// Whether levels beyond 0..255 wrapped around: next to white or black, some channels are at the opposite end. Only
+/// colours that hardly occur in the photograph are evidence, and only if the mid-tones are right.
 pub(super) fn is_wrapped(photograph: &RgbImage, picture: &RgbImage) -> bool {
     let (width, height) = photograph.dimensions();
     if picture.dimensions() != (width, height) {
@@ -108,7 +113,7 @@ pub(super) fn is_wrapped(photograph: &RgbImage, picture: &RgbImage) -> bool {
 }
 
 /// The gain in contrast, in percent, of a picture whose darkest and brightest levels were stretched to 0 and 255.
-/// `None` if stretching does not explain its levels at 0 and 255, or the photograph has these levels as well.
+/// `None` if stretching does not explain the picture's levels 0 and 255, or if the photograph itself has these levels.
 pub(super) fn stretching(
     photograph: &RgbImage,
     seen: &RgbImage,
@@ -118,7 +123,7 @@ pub(super) fn stretching(
     let share = |of: &RgbImage, is: &dyn Fn(u8) -> bool| {
         of.iter().filter(|level| is(**level)).count() as f64 / of.len() as f64
     };
-    // A photograph's flat shadows and highlights stay flat.
+    // Stretching maps the photograph's flat shadows and highlights to 0 and 255.
     let [darkest, brightest] = [photograph.iter().min()?, photograph.iter().max()?];
     let flat = [
         share(photograph, &|v| v - darkest <= 2),
@@ -172,8 +177,7 @@ pub(super) fn is_uniform(picture: &RgbImage) -> bool {
         .all(|pixel| pixel == picture.get_pixel(0, 0))
 }
 
-/// Whether the green levels of neighbouring pixels differ as much as those of any two pixels, although those of the
-/// photograph do not.
+/// Whether the green levels of neighbouring pixels differ as much as those of distant pixels, unlike in the photograph.
 pub(super) fn is_noise(photograph: &RgbImage, picture: &RgbImage) -> bool {
     let likeness = |of: &RgbImage| {
         let [mut pairs, mut sum, mut squares, mut products] = [0.0; 4];
@@ -194,7 +198,7 @@ pub(super) fn is_noise(photograph: &RgbImage, picture: &RgbImage) -> bool {
         && likeness(photograph).is_some_and(|own| own > NOISE[1])
 }
 
-/// Whether a picture has only the levels 0 and 1, and the photograph others.
+/// Whether a picture has only the levels 0 and 1, unlike the photograph.
 pub(super) fn is_unscaled(seen: &RgbImage, picture: &RgbImage) -> bool {
     picture.iter().all(|level| *level <= 1) && picture.contains(&1) && seen.iter().max() > Some(&50)
 }
@@ -220,8 +224,8 @@ pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> 
         least = least.min(a.zip(b).map(product).sum::<f64>() / covariance.max(1.0));
         COMPARED.map(|level| shown.0 + (level - seen.0) * shown.1 / seen.1.max(1.0))
     });
-    // Root mean square residual of the lines after fitting those of a normalisation followed by one line for all
-    // channels.
+    // Root mean square difference of the lines from those of a normalisation that is followed by the best line common
+    // to all channels.
     let off = |statistics: [(f64, f64); 3]| {
         let expected =
             statistics.map(|(mean, by)| COMPARED.map(|level| (level / 255.0 - mean) / by));

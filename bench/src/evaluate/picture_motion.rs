@@ -1,8 +1,10 @@
-//! Detects pictures whose motion differs from the target's: a multiple of the true motion, or that of a misread pose.
+//! Detects pictures whose motion differs from the target's: a multiple of the true motion, or the motion of a misread
+//! pose.
 //!
-//! Blocks of the source's photograph are located in the target's along their epipolar lines, which gives their inverse
-//! depths, and then in the picture. To avoid false alarms on poor predictions, at least half of the blocks must agree
-//! on one cause and contradict the true motion, and `picture_order` requires most pictures to agree.
+//! Blocks of the source's photograph are located in the target's photograph along their epipolar lines, which
+//! determines their inverse depths, and then in the picture. To avoid false alarms on poor predictions, at least half
+//! of the blocks must agree on one cause and contradict the true motion, and `picture_order` requires most pictures to
+//! agree.
 
 use std::ops::RangeInclusive;
 
@@ -27,9 +29,9 @@ const REACH: f64 = 0.4;
 /// A block counts as found in the target's photograph if its highest correlation along the epipolar line is at least
 /// the first number, and exceeds the correlation elsewhere on the line by at least the second.
 const IN_TARGET: (f64, f64) = (0.8, 0.1);
-/// [`IN_TARGET`] for the picture.
+/// [`IN_TARGET`] for finding a block in the picture.
 const IN_PICTURE: (f64, f64) = (0.7, 0.05);
-/// Another place contradicts the true one if its correlation is higher by at least this.
+/// A block contradicts the true motion if its correlation with the picture is higher by at least this at another place.
 const MIN_GAIN: f64 = 0.1;
 /// Motion is measured only from at least this many blocks.
 const MIN_BLOCKS: usize = 8;
@@ -43,20 +45,20 @@ const MIN_AGREEING: f64 = 0.6;
 const MIN_CONTRADICTING: f64 = 0.5;
 /// A misread pose is reported only if at least this share of the blocks agree with it.
 const MIN_POSE_SHARE: f64 = 0.5;
-/// Number of misread poses that are tried, including the source's own.
+/// Number of misread poses that are tried, including the source's own pose.
 const CANDIDATES: usize = 10;
-/// A missing rotation or a reversed axis is reported only if neither a multiple of the motion nor the source's view
-/// explains more than this fraction of the blocks that it explains.
+/// A missing rotation or a reversed axis is reported only if simpler causes (a multiple of the motion, the source's
+/// view) explain at most this fraction of the blocks that it explains.
 const MAX_SIMPLER_SHARE: f64 = 0.75;
 /// Pictures with less than this percentage of the true motion are nearly still.
 const STILL_PERCENT: i16 = 20;
-/// [`MIN_AGREEING`] for nearly still pictures: blends of the source with a prediction partly show the source.
+/// [`MIN_AGREEING`] for nearly still pictures, because blends of the source with a prediction partly show the source.
 const MIN_AGREEING_STILL: f64 = 0.8;
 /// The inverse pose is distinguished from a negated translation only if the rotation is at least this, in degrees.
 const MIN_TURN: f64 = 0.5;
-/// A translation is along one axis if that component is at least this share of its length.
+/// A translation is along an axis if that component is at least this share of the translation's length.
 const MIN_ALONG_AXIS: f64 = 0.97;
-/// A block is at an expected place if its distance from it is at most this, in pixels.
+/// A block agrees with a motion if it is at most this far from the expected place, in pixels.
 const MAX_OFF: f64 = 1.0;
 /// [`MAX_OFF`] as a share of the motion; the larger of the two counts.
 const MAX_OFF_SHARE: f64 = 0.1;
@@ -81,13 +83,13 @@ impl Camera {
 pub(super) struct MeasuredMotion {
     /// A multiple of the true motion ([`ShownCamera::Moved`]) or a misread pose; `None` if it cannot be measured.
     pub(super) camera: Option<ShownCamera>,
-    /// Percentage of the blocks, among those that both source and target show, where the picture is black or white;
-    /// `None` if there are too few blocks.
+    /// Of the blocks that both source and target show, the percentage where the picture is black or white; `None` if
+    /// there are too few blocks.
     pub(super) masked: Option<u8>,
 }
 
-/// Measures a picture's motion, and how much of it is masked. All pictures are shrunk; `intrinsics` are those of source
-/// and target at full size.
+/// Measures a picture's motion, and how much of it is masked. The pictures (source, target and the picture `shown`) are
+/// shrunk; `intrinsics` are those of source and target at full size.
 pub(super) fn shown_camera(
     intrinsics: [Intrinsics; 2],
     target_from_source: RigidTransform,
@@ -123,12 +125,12 @@ pub(super) fn shown_camera(
         (ShownCamera::OtherAxes, to, flipped),
         (ShownCamera::TransposedRotation, to, transposed),
         unturned(translation),
-        // Like the line above, but for a camera moved to the target's actual position.
+        // As above, but for a camera moved to the target's actual position.
         unturned(rotation.transpose() * translation),
         mirrored(0),
         mirrored(1),
         mirrored(2),
-        // The source's view is not a misread pose, but similar to some, so it is tried as well.
+        // The source's own pose is not misread, but some misread poses resemble it, so it is tried for comparison.
         (ShownCamera::Moved(0), from, RigidTransform::IDENTITY),
     ];
     let search = Search {
@@ -177,8 +179,8 @@ pub(super) fn shown_camera(
             ShownCamera::Moved(_) => false,
             // Without a rotation, inverting the pose only negates the translation.
             ShownCamera::InversePose => is_turned,
-            // These are similar to the source's view and to multiples of the motion, which have to explain fewer
-            // blocks. If the translation is along one axis, reversing that axis negates all of it.
+            // These resemble the source's view and multiples of the motion, so they count only if those explain fewer
+            // blocks. If the translation is along one axis, reversing that axis merely negates the motion.
             ShownCamera::Reversed(axis)
                 if translation[usize::from(*axis)].abs()
                     >= MIN_ALONG_AXIS * translation.length() =>
@@ -201,20 +203,21 @@ pub(super) fn shown_camera(
     }
 }
 
-/// A block of the source's photograph that was found in the target's. Places are in steps along its epipolar line.
+/// A block of the source's photograph that was found in the target's photograph. Places are in steps along the block's
+/// epipolar line, from infinite depth.
 struct Block {
-    /// Its place in the target's photograph.
+    /// Place in the target's photograph.
     own: f64,
     /// Whether the true motion is large enough to be compared.
     is_moving: bool,
-    /// Its place in the picture, if it is found there, and whether this contradicts the true motion.
+    /// Place in the picture, and whether it contradicts the true motion; `None` if the block is not found there.
     found: Option<(f64, bool)>,
-    /// Its place in the source's photograph, if that is on the line.
+    /// Place in the source's photograph; `None` if it is not on the line.
     home: Option<f64>,
-    /// For each misread pose, whether it explains the picture and the true pose does not; `None` if it projects the
+    /// For each misread pose, whether it explains the picture while the true pose does not; `None` if it projects the
     /// block outside the picture.
     misread: [Option<bool>; CANDIDATES],
-    /// Whether the picture is black or white at the place in the target.
+    /// Whether the picture is black or white where the block should be.
     is_masked: bool,
 }
 
@@ -235,7 +238,7 @@ impl Search<'_> {
         let infinity = self.own.place(ray, 0.0)?;
         let tiny = 1e-4 / self.own.1.translation.length();
         let velocity = (self.own.place(ray, tiny)? - infinity) / tiny;
-        // A step is one pixel at infinite depth.
+        // At infinite depth, a step is one pixel long.
         let step = velocity.length().recip();
         if contrast < MIN_CONTRAST || !step.is_finite() {
             return None;
@@ -277,9 +280,9 @@ impl Search<'_> {
     }
 }
 
-/// Percentage of the true motion by which the blocks moved, and the share of the blocks that agree. Motion is measured
-/// from the place at infinite depth (scaled translations) or from the place in the source (scaled warps), whichever
-/// fits better. The two differ if the camera is turned or has another principal point.
+/// Percentage of the true motion by which the blocks moved, and the share of the blocks that agree; `None` if it cannot
+/// be measured. Motion is measured from the place at infinite depth (scaled translations) or from the place in the
+/// source (scaled warps), whichever fits better. The two differ if the camera is turned or has another principal point.
 fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
     let found = blocks
         .iter()
@@ -345,7 +348,7 @@ fn is_masked(picture: &RgbImage, place: DVec2) -> bool {
     })
 }
 
-/// Column and row of the first pixel of the block around a place; `None` if the block would not lie inside the picture.
+/// Column and row of the first pixel of the block around a place; `None` if the block extends beyond the picture.
 fn corner(picture: &RgbImage, place: DVec2) -> Option<[usize; 2]> {
     let (width, height) = picture.dimensions();
     let along = |place: f64, size: u32| {
@@ -355,7 +358,7 @@ fn corner(picture: &RgbImage, place: DVec2) -> Option<[usize; 2]> {
     Some([along(place.x, width)?, along(place.y, height)?])
 }
 
-/// Correlation of a block with another place, −1..1; `None` if the block would not lie inside the picture there.
+/// Correlation of a block with the block around a place, −1..1; `None` if the latter extends beyond the picture.
 pub(super) fn correlation(block: &[f64; AREA], picture: &RgbImage, place: DVec2) -> Option<f64> {
     let [left, top] = corner(picture, place)?;
     let (levels, width) = (picture.as_raw().as_slice(), picture.width() as usize);

@@ -1,7 +1,7 @@
-//! Detects pictures stored under the names of other pairs, by comparing some of them with those pairs' targets, and
+//! Detects pictures stored under the names of other pairs, by comparing a sample with the targets of other pairs, and
 //! pictures that are the source's photograph.
 //!
-//! To avoid false alarms on poor predictions and on pictures with too little motion, most of the compared pictures must
+//! To avoid false alarms on poor predictions and on pictures with little motion, most of the compared pictures must
 //! show another target significantly better than their own, and better than the source's photograph shows it. Scores do
 //! not depend on this check.
 
@@ -27,19 +27,19 @@ use crate::scoring::Region;
 
 /// A wrong camera is reported only if at least this share of the pictures with a measured camera agree on it.
 const MIN_SHARE: f64 = 0.8;
-/// A picture shows another target only if it is closer to it than to its own by at least this, in dB.
+/// A picture shows another target only if it is closer to that target than to its own by at least this, in dB.
 const MIN_GAIN: f64 = 2.0;
-/// A picture is a copy of the source's photograph, perhaps stored as JPEG, if its PSNR against that photograph is at
-/// least this, in dB, and [`MIN_COPY_GAIN`] is reached, too.
+/// A picture is a copy of the source's photograph, perhaps stored as JPEG, only if its PSNR against that photograph is
+/// at least this, in dB. [`MIN_COPY_GAIN`] must also be reached.
 const MIN_COPY_PSNR: f64 = 40.0;
 /// A copy is closer to the source's photograph than to the target's by at least this, in dB.
 const MIN_COPY_GAIN: f64 = 10.0;
 
-/// A prediction shows the source's view if it is closer to the source's photograph than to the target's by at least
-/// this, in dB, and [`MIN_SOURCE_VIEW_ERROR`] is reached, too.
+/// A prediction shows the source's view only if it is closer to the source's photograph than to the target's by at
+/// least this, in dB. [`MIN_SOURCE_VIEW_ERROR`] must also be reached.
 const MIN_SOURCE_VIEW_GAIN: f64 = 3.0;
-/// A prediction that shows the source's view has at least this squared error against the target, relative to that of
-/// the source's photograph. Predictions that move have less.
+/// A prediction shows the source's view only if its squared error against the target is at least this, relative to that
+/// of the source's photograph. Predictions of the target's view have a smaller error.
 const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
 
 /// Reduced photographs, keyed by dataset, scene and view.
@@ -115,16 +115,16 @@ pub(super) fn note_order(
     let shows = shown_target(&seen, &shown, Some(&source), others);
     (record.shows, record.camera) = match (shows, camera) {
         (Some(Source), _) | (Some(SourceView), Some(ShownCamera::Moved(-5..=5))) => (shows, None),
-        // A picture of poor depth may be closer to the source, although it moved.
+        // Poor depth may make a picture closer to the source, although its motion was measured.
         (Some(SourceView), Some(_)) => (Some(Own), camera),
         _ => (shows, camera),
     };
 }
 
-/// The view that the picture `shown` resembles most: [`ShownTarget::Source`] if it is a copy of the source's photograph,
-/// [`ShownTarget::SourceView`] if it is significantly closer to that photograph than to its own target `seen`, else the
-/// closest of `others` that is significantly closer than `seen` is, else [`ShownTarget::Own`]. `None` if `shown` and `seen`
-/// differ in size. All pictures must be [`shrunk`].
+/// The view that the picture `shown` resembles most, given its own target `seen`. The first that applies:
+/// [`ShownTarget::Source`] for a copy of the source's photograph; [`ShownTarget::SourceView`] if it is significantly
+/// closer to that photograph than to `seen`; the closest of `others` to which it is significantly closer than to
+/// `seen`; [`ShownTarget::Own`]. `None` if `shown` and `seen` differ in size. All pictures must be [`shrunk`].
 pub(crate) fn shown_target(
     seen: &RgbImage,
     shown: &RgbImage,
@@ -147,7 +147,7 @@ pub(crate) fn shown_target(
     if source.is_some_and(|source| is_copy(fit(source, shown))) {
         return Some(ShownTarget::Source);
     }
-    // A prediction that moves is closer to the target than the source's photograph is.
+    // A prediction that follows the motion is closer to the target than the source's photograph is.
     if let Some(source) = source
         && let (shows, copied) = (fit(source, shown), fit(seen, source))
         && shows.is_better_than(&own)
@@ -175,7 +175,7 @@ fn cameras(group: &PictureGroup<'_, &Record>) -> Vec<ShownCamera> {
     let mut sources = BTreeSet::new();
     let mut cameras = Vec::new();
     for record in group.pictures {
-        // Pictures predicted from one source share its scale, so positive factors count once per source.
+        // Predictions from one source have the same error of scale, so positive factors count once per source.
         let is_repeated = matches!(record.camera, Some(ShownCamera::Moved(1..)))
             && !sources.insert((&record.scene, &record.source));
         cameras.extend(record.camera.filter(|_| !is_repeated));
@@ -183,7 +183,7 @@ fn cameras(group: &PictureGroup<'_, &Record>) -> Vec<ShownCamera> {
     cameras
 }
 
-/// The wrong camera on which nearly all measured pictures agree, with the number that agree and the number measured.
+/// The wrong camera on which nearly all measured pictures agree, the number that agree, and the number measured.
 fn wrong_camera_of(group: &PictureGroup<'_, &Record>) -> Option<(ShownCamera, usize, usize)> {
     let mut cameras = cameras(group);
     let resized = group.pictures.iter().filter(|r| is_resized(r.change));
@@ -199,21 +199,21 @@ pub(super) fn is_resized(change: Option<PictureChange>) -> bool {
     matches!(change, Some(PictureChange::Cropped | PictureChange::Padded))
 }
 
-/// Whether the pictures agree on another focal length, lens or placement of the camera. This explains why some of them
-/// seem to be resized.
+/// Whether the pictures agree on another focal length, lens or principal point. If so, that is why some of them seem to
+/// be cropped or padded.
 pub(super) fn is_reframed(group: &PictureGroup<'_, &Record>) -> bool {
     let camera = wrong_camera_of(group).map(|(camera, ..)| camera);
     matches!(camera, Some(ShownCamera::Reframed(_)))
 }
 
-/// A sentence if the compared pictures agree on a wrong camera, or most show other targets.
+/// Warns if the compared pictures agree on a wrong camera or shift, or if most show other targets.
 pub(super) fn misplaced_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let pairs = format!("pairs of {}", group.name);
     let mut shown: BTreeMap<ShownTarget, usize> = BTreeMap::new();
     for target in group.pictures.iter().filter_map(|record| record.shows) {
         *shown.entry(target).or_default() += 1;
     }
-    // If a quarter of the pictures clearly moved, those that resemble the source merely have poor depth.
+    // If a quarter of the pictures clearly moved, pictures that resemble the source merely have poor depth.
     let cameras = cameras(group).into_iter();
     let moving = cameras.filter(|camera| matches!(camera, ShownCamera::Moved(20..)));
     if 4 * moving.count() >= shown.values().sum() {
@@ -228,8 +228,8 @@ pub(super) fn misplaced_pictures(group: &PictureGroup<'_, &Record>) -> Option<St
     }
 }
 
-/// A sentence if most compared pictures show targets other than their own; `found` counts what they show. `pairs`
-/// says which pairs they belong to.
+/// Warns if most compared pictures show targets other than their own. `found` counts the pictures by the target shown;
+/// `pairs` names their pairs in the sentence.
 pub(crate) fn misplaced(
     found: &BTreeMap<ShownTarget, usize>,
     pairs: &str,
@@ -250,7 +250,7 @@ pub(crate) fn misplaced(
         ));
     }
     let views = count(&[Source, SourceView]);
-    // In one scene, a depth that is far too large leaves the source's view, too.
+    // Far too large depths also give the source's view, so a scene needs more evidence.
     if is_most(views) && views as f64 >= extent.share(0.5) * all as f64 {
         return Some(format!(
             "its pictures show {} rather than the target's ({views} of the {all} compared in {pairs} are significantly \
@@ -275,7 +275,7 @@ pub(crate) fn misplaced(
     })
 }
 
-/// The wrong camera on which nearly all of the `cameras` agree, with the number that agree and the number of all. A wrong
+/// The wrong camera on which nearly all of the `cameras` agree, the number that agree, and the number of all. A wrong
 /// scale of the motion in one scene does not count, because predictions from single photographs often have one.
 fn wrong_camera(cameras: Vec<ShownCamera>, extent: Extent) -> Option<(ShownCamera, usize, usize)> {
     let all = cameras.len();

@@ -1,7 +1,7 @@
 //! Detects pictures that show the photograph at another size, or several times: crops and padding that were resized to
 //! the target's size, and panels side by side.
 //!
-//! Only another size along one axis, or with the upper left corner in place, is evidence: if a method ignores motion
+//! Only another size along one axis, or with the upper left corner in place, is evidence. If a method ignores motion
 //! along the optical axis, its pictures have another size along both axes, about the middle.
 
 use image::imageops::thumbnail;
@@ -15,21 +15,23 @@ use crate::scoring::Region;
 const SEARCH_WIDTH: u32 = 48;
 /// Sizes of the photograph, relative to the picture, from which the search starts.
 const STARTS: [f64; 9] = [0.5, 0.5625, 0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.78];
-/// Steps of the search, as fractions of the picture's size.
+/// Step sizes of the search, as fractions of the picture's size.
 const STEPS: [f64; 6] = [0.04, 0.02, 0.01, 0.005, 0.0025, 0.001];
-/// A place is tried only if the photograph covers at least this share of the picture there.
+/// A place is tried only if the photograph then covers at least this share of the picture.
 const MIN_COVERED: f64 = 0.5;
 /// A picture counts as resized if its width or height changed by at least this fraction.
 const MIN_RESIZED: f64 = 0.018;
 /// An edge counts as unmoved if it is off by less than this fraction of the picture's size.
 const MAX_UNMOVED: f64 = 0.009;
-/// Another place of the photograph in the picture is reported only if it brings the two closer by at least this, in dB.
+/// Another place of the photograph in the picture is reported only if comparing them there reduces the error by at
+/// least this, in dB.
 const MIN_PLACE_GAIN_DB: f64 = 1.5;
-/// Panels are reported only if reading the picture as panels brings it closer to the photograph by at least this, in
-/// dB.
+/// Panels are reported only if a part of the picture is closer to the whole photograph than to the same part of the
+/// photograph by at least this, in dB.
 const MIN_PANEL_GAIN_DB: f64 = 3.0;
 
-/// Whether a picture shows the photograph in panels, or all of it at another size. Both are shrunk to the same size.
+/// The change if the picture `shown` is panels, a stretched crop, or padded. Picture and photograph (`seen`) are shrunk
+/// to the same size.
 pub(super) fn placement_change(seen: &RgbImage, shown: &RgbImage) -> Option<PictureChange> {
     if seen.width() < SEARCH_WIDTH / 2 || seen.height() < SEARCH_WIDTH / 4 {
         return None;
@@ -62,8 +64,8 @@ fn has_panels(seen: &RgbImage, shown: &RgbImage) -> bool {
         })
 }
 
-/// Where a picture shows the photograph: per axis, the photograph's coordinate at the picture's middle, and its change
-/// across the picture. Coordinates are −0.5..0.5.
+/// Where a picture shows the photograph. Per axis: the photograph's coordinate at the picture's middle, and the
+/// difference of its coordinates between the picture's ends. The photograph's coordinates are −0.5..0.5.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Place([[f64; 2]; 2]);
 
@@ -115,7 +117,7 @@ impl Place {
         Some((along(self.0[0], x, width)?, along(self.0[1], y, height)?))
     }
 
-    /// The mean squared difference where the picture shows the photograph; `None` if it covers too little.
+    /// The mean squared difference where picture and photograph overlap; `None` if they overlap too little.
     fn error(&self, seen: &Grey, shown: &Grey) -> Option<f64> {
         let (width, height) = shown.size;
         let [mut count, mut sum] = [0.0; 2];
@@ -130,7 +132,7 @@ impl Place {
         (count >= MIN_COVERED * f64::from(width * height)).then(|| sum / count)
     }
 
-    /// Whether the picture `shown` is significantly closer to the photograph `seen` at this place than at its own.
+    /// Whether `shown` is significantly closer to the photograph `seen` at this place than unmoved.
     fn is_significant(&self, seen: &RgbImage, shown: &RgbImage) -> bool {
         let whole = Region::whole(seen.dimensions());
         let (mut placed, mut as_read) = (shown.clone(), shown.clone());
@@ -144,9 +146,9 @@ impl Place {
         placed.is_better_than(&as_read) && placed.gain_over(&as_read) >= MIN_PLACE_GAIN_DB
     }
 
-    /// The change that the place indicates. If the photograph became smaller along one axis, or towards its upper left
-    /// corner, the picture was padded; if it became larger along one axis, cropped. `None` for a shift, or for another
-    /// size along both axes, which motion along the optical axis also causes.
+    /// The change that the place indicates. If the photograph is smaller along one axis, or towards the upper left
+    /// corner, the picture was padded; if larger along one axis, cropped. `None` for a shift, or for another size along
+    /// both axes about the middle, which motion along the optical axis also causes.
     fn change(&self) -> Option<PictureChange> {
         use PictureChange::{Cropped, Padded};
         let [x, y] = self.0.map(|axis| {
@@ -176,7 +178,7 @@ impl Place {
     }
 }
 
-/// Green levels with the mean 0 and the standard deviation 1.
+/// Green levels, normalised to mean 0 and standard deviation 1.
 struct Grey {
     size: (u32, u32),
     levels: Vec<f64>,

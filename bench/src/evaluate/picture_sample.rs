@@ -1,5 +1,4 @@
-//! Chooses the pictures that are compared with other targets than their own, and these targets: some of each dataset, and
-//! some of each of its scenes.
+//! Chooses some pictures of each dataset, and some of each scene, and the other targets that they are compared with.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,11 +13,11 @@ const SAMPLED: usize = 8;
 const SHIFTS_MEASURED: usize = 24;
 /// Number of pairs per scene whose pictures are compared in addition, evenly spaced.
 const SAMPLED_IN_SCENE: usize = 6;
-/// Only at most this many scenes of a dataset are sampled in addition, evenly spaced, to save time.
+/// At most this many scenes of a dataset are sampled in this way, evenly spaced, to save time.
 const MAX_SCENES: usize = 32;
-/// Number of other targets that each of these pictures is compared with.
+/// Number of other targets with which each sampled picture is compared.
 const OTHERS: usize = 12;
-/// Nothing is compared among fewer pictures than this, and no finding that fewer have is reported.
+/// Pictures are compared, and findings reported, only if at least this many pictures are available or affected.
 pub(super) const FEWEST: usize = 3;
 
 /// The pairs whose pictures are compared with more than their own target, by id.
@@ -54,8 +53,8 @@ pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> PictureSample<'a
     sample
 }
 
-/// Which pictures are compared, and with whose targets, as indices. `targets` lists the scene and the target of each
-/// picture.
+/// For each picture to compare, by index, the indices of the pictures whose targets it is compared with. `targets`
+/// lists the scene and the target of each picture.
 pub(crate) fn compared_pictures(
     targets: &[[&str; 2]],
 ) -> BTreeMap<usize, Vec<(ShownTarget, usize)>> {
@@ -85,7 +84,7 @@ pub(crate) fn compared_pictures(
     sampled.into_iter().map(|at| (at, others(at))).collect()
 }
 
-/// Which pictures are compared, given the scene of each.
+/// Indices of the pictures to compare, given the scene of each picture.
 fn sampled<'a>(scene_of: impl ExactSizeIterator<Item = &'a str>) -> BTreeSet<usize> {
     let all = spread(scene_of.len(), SAMPLED);
     let scenes = scenes(scene_of.zip(0..));
@@ -97,8 +96,8 @@ fn sampled<'a>(scene_of: impl ExactSizeIterator<Item = &'a str>) -> BTreeSet<usi
     all.chain(in_scenes).collect()
 }
 
-/// At most `most` of `count` indices, about evenly spaced. The distances vary, because with equal ones all pictures
-/// could have the same target.
+/// At most `most` of `count` indices, about evenly spaced. The spacing varies, because equal steps through the pairs
+/// could always reach the same target.
 fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
     let n = count.min(most);
     (0..n).map(move |k| k * count / n + k % (count / n).max(1))

@@ -1,8 +1,9 @@
 //! Detects pictures that are shifted by half a pixel or more, as by another convention of pixel centres.
 //!
-//! Wrong depths move the content of a picture only along epipolar lines, so only edges along these lines are compared,
-//! which shifts move across them. Their displacements follow from the differences in brightness (Lucas and Kanade 1981)
-//! at full resolution, which is far more exact than the framing of shrunk pictures.
+//! Wrong depths move the content of a picture only along epipolar lines. So only edges that run along these lines are
+//! compared: wrong depths hardly displace them, but shifts across the lines do. Displacements follow from the
+//! differences in brightness (Lucas and Kanade 1981) at full resolution, which is far more exact than the framing of
+//! shrunk pictures.
 
 use glam::{DMat2, DVec2, DVec3};
 use image::imageops::grayscale;
@@ -12,46 +13,47 @@ use sharp::camera::Intrinsics;
 use super::picture_group::PictureGroup;
 use super::record::Record;
 
-/// A shift is reported only if a component is at least this, in pixels. Pixel centres differ by half a pixel.
+/// A shift is reported only if one of its components is at least this, in pixels. Conventions of pixel centres differ
+/// by half a pixel.
 const MIN_SHIFT: f64 = 0.35;
 /// A shift is reported only if no component is larger than this, in pixels. The framing check finds larger ones.
 const MAX_SHIFT: f64 = 1.5;
 /// A shift is reported only if at least this many pictures agree on it.
 const MIN_PICTURES: usize = 3;
-/// A shift is reported only if the shares that it explains in the pictures that agree, see [`MIN_EXPLAINED`], add up to
-/// at least this: three pictures that show it well count as much as six that hardly do.
+/// Evidence for a shift: minimum sum of the shares that it explains (see [`MIN_EXPLAINED`]) over the pictures that
+/// agree. Three pictures that show it clearly count as much as six that hardly do.
 const MIN_SUM_OF_SHARES: f64 = 0.5;
-/// A shift is reported only if at least this share of the pictures agree on it.
+/// A shift is reported only if at least this share of the pictures that could show it agree.
 const MIN_SHARE: f64 = 0.65;
-/// A picture agrees with a shift that explains at least this share of the squared displacements of its edges. It counts
-/// only if the shift would explain that share in a picture with exactly this shift. In good predictions, half a pixel
-/// explains a third and more; without a shift, the best one explains a few hundredths.
+/// A picture agrees with a shift that explains at least this share of the squared displacements of its edges. Pictures
+/// in which the shift would explain less even if they had exactly this shift are left out. In good predictions, half a
+/// pixel explains a third and more; without a shift, the best one explains a few hundredths.
 const MIN_EXPLAINED: f64 = 0.08;
-/// A direction is measured only if at least this share of the evidence is across it.
+/// A direction is measured only if at least this share of the evidence is along it.
 const MIN_EVIDENCE: f64 = 0.1;
 /// Edges have at least this gradient, in levels per pixel.
 const MIN_GRADIENT: f64 = 4.0;
 /// An edge runs along an epipolar line if the sine of the angle between its gradient and the normal of the line is at
 /// most this.
 const MAX_SINE: f64 = 0.15;
-/// Edges that seem to have moved by more than this, in pixels, are skipped as other content.
+/// Edges that seem to have moved by more than this, in pixels, are skipped, because they probably show other content.
 const MAX_MOVED: f64 = 3.0;
-/// Number of parts across and down that are assumed to have equally wrong depths.
+/// Number of parts across and down. Within a part, depths are assumed to be equally wrong.
 const PARTS: u32 = 12;
-/// A picture is measured only if the mean squared displacement of its edges is at most this, in pixels squared, apart
-/// from what a shift of its own explains. In poor predictions, edges are matched with others.
+/// A picture is measured only if the mean squared displacement of its edges that its own best shift leaves unexplained
+/// is at most this, in pixels squared. In poor predictions, edges match other edges.
 const MAX_MEAN_SQUARE: f64 = 1.0;
 /// A picture is measured only if it has at least this many edges.
 const MIN_EDGES: u32 = 500;
 
-/// The least-squares problem of a picture's shift, divided by the number of edges: the elements xx, xy and yy of the
-/// matrix and x and y of the right-hand side (pixels) of its normal equations, and the sum of squared displacements
-/// (pixels squared), which is the error without a shift.
+/// The normal equations of a picture's shift by least squares, divided by the number of edges: the matrix elements xx,
+/// xy and yy, the right-hand side x and y (pixels), and the sum of squared displacements (pixels squared), which is the
+/// error without a shift.
 pub(super) type ShiftEquations = [f32; 6];
 
-/// Measures the shift of a picture across its epipolar lines. `None` if its size differs from that of its target's
-/// photograph, if it has too few edges along the lines, or if too few of them match. `intrinsics` are the target's, and
-/// `translation` is that of the pose that maps from the source's camera to the target's.
+/// Measures the shift of the picture `shown` across its epipolar lines. `None` if its size differs from its target's,
+/// if it has too few edges along the lines, or if the edges match badly. `intrinsics` are the target's, and
+/// `translation` is that of the pose from the source's camera to the target's.
 pub(super) fn shift_equations(
     intrinsics: Intrinsics,
     translation: DVec3,
@@ -81,14 +83,14 @@ pub(super) fn shift_equations(
             continue;
         }
         let from_middle = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - middle;
-        // Another depth moves the content along this direction.
+        // A wrong depth moves the content along this direction.
         let along = focal * translation.truncate() - from_middle * translation.z;
         let Some(along) = along.try_normalize() else {
             continue;
         };
         let moved = (seen.0 - own.0) / steepness;
         if gradient.dot(along).abs() <= MAX_SINE * steepness && moved.abs() <= MAX_MOVED {
-            // Across the line, by the gradient's sign.
+            // The unit normal of the edge, across the epipolar line.
             let across = gradient / steepness;
             let part = y * PARTS / height * PARTS + x * PARTS / width;
             parts[part as usize].add(across, across.dot(along), moved);
@@ -105,24 +107,24 @@ fn added(all: [f64; 6], more: [f64; 6]) -> [f64; 6] {
     std::array::from_fn(|k| all[k] + more[k])
 }
 
-/// Sums over the edges in one part of a picture, where wrong depths are assumed to move all content alike along the
-/// epipolar lines.
+/// Sums over the edges in one part of a picture. Wrong depths are assumed to move all content of a part equally along
+/// the epipolar lines (the part's own motion).
 #[derive(Debug, Clone, Copy, Default)]
 struct PartSums {
-    /// Columns of the shift's matrix.
+    /// Columns of the matrix for the shift.
     normal: [DVec2; 2],
     sum: DVec2,
-    /// Coefficients of that motion in the equations of the shift.
+    /// Coefficients of the part's own motion in the equations of the shift.
     mixed: DVec2,
-    /// Coefficient and right-hand side of that motion's own equation.
+    /// Coefficient and right-hand side of the equation of the part's own motion.
     own: [f64; 2],
-    /// Squared displacements.
+    /// Sum of squared displacements.
     squares: f64,
 }
 
 impl PartSums {
-    /// Adds an edge that was displaced by `moved` pixels in the direction `across` it; `along` is that direction's
-    /// component along the epipolar line.
+    /// Adds an edge that was displaced by `moved` pixels along its unit normal `across`; `along` is the component of
+    /// the normal along the epipolar line.
     fn add(&mut self, across: DVec2, along: f64, moved: f64) {
         self.normal[0] += across.x * across;
         self.normal[1] += across.y * across;
@@ -133,7 +135,7 @@ impl PartSums {
         self.squares += moved * moved;
     }
 
-    /// The shift's [`ShiftEquations`], not yet divided, after eliminating the motion along the lines.
+    /// The [`ShiftEquations`], not divided by the number of edges, after eliminating the part's own motion.
     fn equations(&self) -> [f64; 6] {
         let [along, moved] = self.own;
         let along = along.max(1e-9);
@@ -162,12 +164,12 @@ fn smoothed(of: &GrayImage) -> ImageBuffer<Luma<f32>, Vec<f32>> {
     })
 }
 
-/// A sentence if the pictures agree on a shift.
+/// Warns if the pictures agree on a shift.
 pub(super) fn shifted_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let measured = group.pictures.iter().filter_map(|record| record.shift);
     let measured: Vec<[f64; 6]> = measured.map(|of| of.map(f64::from)).collect();
     let shift = solved(measured.iter().copied().fold([0.0; 6], added));
-    // The others have their epipolar lines along the shift, or are too poor to show it.
+    // Leave out pictures that cannot show the shift: their epipolar lines are along it, or they are too poor.
     let seen = measured
         .iter()
         .filter(|of| shift.dot(matrix(of) * shift) >= MIN_EXPLAINED * of[5]);

@@ -13,28 +13,30 @@ use crate::pairs::valid_depth::median_of;
 const GRID: [u32; 2] = [40, 30];
 /// A cell may have foreign content if picture and target differ there by at least this, in levels.
 const MIN_FOREIGN_DIFFERENCE: u8 = 12;
-/// Content counts as equal if it differs from its median by at most this, in levels.
+/// The content of a cell counts as equal if it differs from the pictures' median by at most this, in levels.
 const MAX_EQUAL_DIFFERENCE: u8 = 3;
 /// Pictures are compared only if they have at least this many targets.
 const MIN_TARGETS: usize = 4;
-/// Pictures are compared only if they have at least this many sources: predictions from one source may be alike.
+/// Pictures are compared only if they have at least this many sources, because predictions from one source may be
+/// alike.
 const MIN_SOURCES: usize = 3;
 /// Foreign content is reported only if at least this share of the pictures have it.
 const MIN_SHARE: f64 = 0.8;
-/// Content is foreign only if the median difference of these pictures' targets from the targets' own median is at least
-/// this, in levels; otherwise, the targets share the content.
+/// Content is foreign only if the targets differ there: the median of their differences from their median level must be
+/// at least this, in levels.
 const MIN_TARGET_DIFFERENCE: f64 = 8.0;
 /// Content is reported only if it fills at least this many cells.
 const MIN_CELLS: usize = 8;
-/// Content is reported only if it fills at least this share of the rectangle around it: other faults are scattered.
+/// Content is reported only if it fills at least this share of the rectangle around it, because other faults are
+/// scattered.
 const MIN_FILLED: f64 = 0.4;
-/// Content is reported only if it fills at most this share of all cells: pictures that are wrong everywhere have
-/// another cause.
+/// Content is reported only if it fills at most this share of all cells, because pictures that are wrong everywhere
+/// have another cause.
 const MAX_SHARE: f64 = 0.5;
-/// Content is reported only if its contrast is at least this, in levels: holes and backgrounds have one colour.
+/// Content is reported only if its contrast is at least this, in levels, because holes and backgrounds have one colour.
 const MIN_CONTRAST: u8 = 24;
 
-/// Number of a cell, row by row, and its mean levels in the picture and in the target.
+/// A cell's number, row by row, and its mean levels in the picture and in the target.
 pub(super) type Cell = (u16, u8, u8);
 
 /// Cells in which a picture differs from its target, with the mean levels of both.
@@ -83,7 +85,7 @@ pub(super) fn stamped_pictures(group: &PictureGroup<'_, &Record>) -> Option<Stri
     let stamped: Vec<(u32, u8)> = stamped.collect();
     let of_levels = stamped.iter().map(|(_, level)| *level);
     let contrast = of_levels.clone().max()? - of_levels.min()?;
-    // First and last column and row.
+    // First column and row of the content, and the column and row after the last.
     let [across, down] = [0, 1].map(|axis| {
         let at = stamped
             .iter()

@@ -1,9 +1,9 @@
-//! Detects exposures, white balances and tone curves that a dataset's pictures share and their targets do not have, as
+//! Detects exposures, white balances and tone curves that all pictures of a dataset have and their targets do not, as
 //! well as darker corners and masked backgrounds.
 //!
-//! Sorted levels are compared. They do not depend on position and, in reduced pictures, hardly on noise and blur.
-//! Methods that reproduce levels badly err differently in each picture, so only a curve shared by nearly all pictures
-//! is evidence.
+//! Sorted levels are compared, because they do not depend on position and, in reduced pictures, hardly on noise and
+//! blur. Methods that reproduce levels badly err differently in each picture, so only a curve shared by nearly all
+//! pictures is evidence.
 
 use std::iter::zip;
 
@@ -21,11 +21,11 @@ use super::record::Record;
 const GRID: [u32; 2] = [32, 24];
 /// Quantiles that are compared, in percent.
 const QUANTILES: [usize; 5] = [10, 30, 50, 70, 90];
-/// Pixels up to this level are black. Cells with a black pixel are skipped as holes, unless the target is dark there.
+/// Pixels up to this level are black. Cells with a black pixel are skipped as holes unless the target is dark there.
 const MAX_BLACK: u8 = 3;
 /// The target is dark in a cell if its mean there is at most this level.
 const MAX_DARK: u8 = 20;
-/// A picture's tone is measured only if at least this share of the cells is not skipped.
+/// A picture's tone is measured only if at least this share of its cells remains.
 const MIN_CELLS: f64 = 0.5;
 /// Levels outside this range may be clipped.
 const UNCLIPPED: std::ops::RangeInclusive<u8> = 12..=247;
@@ -33,31 +33,34 @@ const UNCLIPPED: std::ops::RangeInclusive<u8> = 12..=247;
 const MIN_PICTURES: usize = 3;
 /// A curve, or dark corners, are reported only if at least this share of a dataset's pictures have them.
 const MIN_SHARE: f64 = 0.8;
-/// A curve is sought only if the root mean square difference from the targets' levels is at least this.
+/// A curve is sought only if the root mean square difference of the pictures' levels from the targets' is at least
+/// this.
 const MIN_OFF: f64 = 8.0;
 /// [`MIN_OFF`] for one scene of a dataset. Blurred predictions of one scene differ by less.
 const MIN_OFF_IN_SCENE: f64 = 16.0;
 /// A curve explains levels if it reduces their squared error to at most this fraction.
 const MAX_EXPLAINED_ERROR: f64 = 0.25;
-/// A curve with more parameters is preferred only if it reduces the squared error to at most this fraction.
+/// A curve with more parameters is preferred only if it reduces the squared error to at most this fraction of the
+/// simpler curve's.
 const MAX_BETTER_ERROR: f64 = 0.6;
 /// A difference in exposure between sources and targets is reported only if at least this share of the pictures follow
 /// their sources.
 const MIN_FOLLOWING: f64 = 0.4;
-/// Unless only contrast was lost, the mean difference is at least this fraction of the root mean square difference.
+/// A curve that changes contrast needs a mean difference of at least this fraction of the root mean square difference,
+/// unless it explains the levels clearly better than a mere loss of contrast.
 const MIN_MEAN_SHARE: f64 = 0.7;
-/// Gains are a white balance if those of two channels differ by at least this factor.
+/// Gains are a white balance if those of two channels differ at least by this factor.
 const MIN_BALANCE: f64 = 1.06;
-/// The rings that are compared: middle, halfway and corners, as ranges of the squared distance from the middle. Corners
-/// are at 1.
+/// The rings that are compared (middle, halfway, corners) as ranges of the squared distance from the middle, which is 1
+/// at the corners.
 const RINGS: [(f64, f64); 3] = [(0.0, 0.12), (0.3, 0.5), (0.65, 1.0)];
-/// Corners count as dark if they are darkened by at least this, as a logarithm.
+/// Corners are dark only if the natural logarithm of their brightness is lower by at least this.
 const MIN_DARKENING: f64 = 0.16;
-/// The darkening of a picture agrees with that of the others if it differs by at most this, as a logarithm.
+/// A picture's darkening, as a natural logarithm, agrees with the others' if it differs by at most this.
 const MAX_UNEVEN: f64 = 0.12;
-/// The places between middle and corners are darkened by at least this share of the corners' darkening.
+/// Halfway to the corners, dark corners cause at least this share of their own darkening.
 const MIN_BETWEEN: f64 = 0.15;
-/// The places between middle and corners are darkened by at most this share of the corners' darkening.
+/// Halfway to the corners, dark corners cause at most this share of their own darkening.
 const MAX_BETWEEN: f64 = 0.85;
 
 /// Colour spaces with wider primaries than sRGB, with [`Tone::mixed`] of sRGB's colours in them (IEC 61966-2-1, Adobe RGB
@@ -73,7 +76,7 @@ const MAX_MIXED_OFF: f64 = 0.05;
 const MIN_COLOUR: f64 = 4e-4;
 
 /// A picture counts as masked if at least this percentage of the content shown by both source and target is black or
-/// white. Holes of predictions do not count, because the source does not show what is there.
+/// white. Holes of predictions do not count, because they are where the source shows nothing.
 const MIN_MASKED_PERCENT: u8 = 5;
 /// Masks are reported only if at least this share of the pictures are masked.
 const MIN_MASKED_SHARE: f64 = 0.5;
@@ -84,15 +87,15 @@ pub struct Tone {
     picture: [[u8; 5]; 3],
     target: [[u8; 5]; 3],
     source: [[u8; 5]; 3],
-    /// Logarithm of the picture's brightness relative to the target's in the corners and between, minus that in the
-    /// middle, in thousandths.
+    /// For the corners and halfway to them: natural logarithm of the ratio of the picture's brightness to the target's,
+    /// minus that in the middle, in thousandths.
     corners: Option<[i16; 2]>,
     /// Share of the green light in the picture's red, of the red in its green and of the green in its blue, in
     /// thousandths; `None` if the target has too little colour.
     mixed: Option<[i16; 3]>,
 }
 
-/// Measures a picture's tone; all pictures are shrunk. `None` if too much of it is black.
+/// Measures a picture's tone; all pictures are shrunk. `None` if too much of the picture is black.
 pub(super) fn tone([source, target, shown]: [&RgbImage; 3]) -> Option<Tone> {
     let reduced = |of: &RgbImage| thumbnail(of, GRID[0], GRID[1]);
     let [source, seen, own] = [source, target, shown].map(reduced);
@@ -155,7 +158,7 @@ fn mixed(cells: &[u32], seen: &RgbImage, own: &RgbImage) -> Option<[i16; 3]> {
     Some([red?, green?, blue?])
 }
 
-/// Measures [`Tone::corners`]; `None` if one of the rings has too few cells that are not black.
+/// Measures [`Tone::corners`]; `None` if one of the rings has too few of the `cells`, which exclude holes.
 fn corners(cells: &[u32], seen: &RgbImage, own: &RgbImage) -> Option<[i16; 2]> {
     let mut rings: [Vec<f64>; 3] = Default::default();
     for cell in cells {
@@ -187,7 +190,7 @@ fn corners(cells: &[u32], seen: &RgbImage, own: &RgbImage) -> Option<[i16; 2]> {
 enum Curve {
     /// A power, multiplied by a factor per channel.
     Power { gains: [f64; 3], gamma: f64 },
-    /// Linear light x becomes x / (1 + x).
+    /// Maps linear light x to x / (1 + x).
     Reinhard,
 }
 
@@ -247,7 +250,7 @@ impl Curve {
     }
 }
 
-/// Levels of a photograph and of a picture, and their channel.
+/// Channel, level of a photograph, and the picture's level at the same quantile.
 type LevelPair = (usize, f64, f64);
 
 fn level_pairs(from: &[[u8; 5]; 3], to: &[[u8; 5]; 3]) -> Vec<LevelPair> {
@@ -277,7 +280,7 @@ fn error_of_line(pairs: &[LevelPair]) -> f64 {
     sum(&|x, y| (y - slope * x).powi(2))
 }
 
-/// The curve with the fewest parameters that explains the pairs, if any does.
+/// The curve with the fewest parameters that explains the pairs of levels; `None` if no curve does.
 fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
     let logarithms = pairs
         .iter()
@@ -310,7 +313,7 @@ fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
     let count = pairs.len().max(1) as f64;
     let before = error(pairs, Curve::AS_READ);
     let off = (before / count).sqrt();
-    // Methods that blur or hedge lose contrast: their curve is a line that keeps the mean.
+    // A method that blurs or hedges loses contrast, but keeps the mean. A line describes this.
     let shift = pairs.iter().map(|(_, from, to)| to - from).sum::<f64>() / count;
     let (line, is_shifted) = (error_of_line(pairs), shift.abs() >= MIN_MEAN_SHARE * off);
     let is_told = |curve: &Curve| match curve {
@@ -329,7 +332,7 @@ fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
     (255.0 * off >= min_off && error(pairs, best) <= MAX_EXPLAINED_ERROR * before).then_some(best)
 }
 
-/// A sentence if the pictures have one curve or dark corners in common.
+/// Warns if the pictures have one curve or dark corners in common.
 pub(super) fn toned_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let records = group.pictures.iter();
     let measured = records.filter_map(|record| Some((record.change, record.tone.as_ref()?)));
@@ -349,8 +352,8 @@ pub(super) fn toned_pictures(group: &PictureGroup<'_, &Record>) -> Option<String
     }
 }
 
-/// A sentence if most pictures are black or white where source and target show content. Pictures of another camera may
-/// lack a border.
+/// Warns if most pictures are black or white where source and target show content. Does not warn if their cameras
+/// differ from the targets', because a border may then be missing.
 pub(super) fn masked_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let mut shares: Vec<u8> = group.pictures.iter().filter_map(|r| r.masked).collect();
     shares.sort_unstable();
@@ -414,8 +417,8 @@ format!(
 })
 }
 
-/// A sentence if many sources and targets differ in exposure, each pair by a different factor, and the pictures follow
-/// their sources.
+/// Warns if many sources and targets differ in exposure, each pair by its own factor, and the pictures have the
+/// exposure of their sources.
 fn exposures_of_sources(tones: &[&Tone], dataset: &str) -> Option<String> {
     let following = tones.iter().filter(|tone| {
         let curve = explaining(&level_pairs(&tone.target, &tone.source), MIN_OFF);

@@ -53,14 +53,14 @@ pub(super) enum Reuse {
     New,
 }
 
-/// State shared by the pairs of a source. Pairs are sorted, so those of a source are consecutive.
+/// State shared by successive pairs of one source; the list of pairs is sorted by source.
 pub(super) struct Sources<'a> {
     gaussians: GaussianStore,
     photograph: Option<(&'a View, RgbImage)>,
     depth: Option<(&'a View, Option<DepthMap>)>,
-    /// Depth scale, with the key of the prediction that it belongs to.
+    /// Depth scale, with the key of the prediction to which it applies.
     scale: Option<(String, Result<f64, String>)>,
-    /// Source check, with the key of the prediction that it belongs to.
+    /// Source check, with the key of the prediction to which it applies.
     check: Option<(String, SourceFacts)>,
 }
 
@@ -124,8 +124,7 @@ enum Failure {
     Waiting,
 }
 
-/// Rejects pictures of the wrong size. Also rejects values that are out of range, because rounding to 8 bit would hide
-/// them.
+/// Rejects pictures of the wrong size, and values out of range, which rounding to 8 bit would hide.
 fn check(prediction: &PicturePrediction, target: (u32, u32)) -> Result<(), MethodError> {
     let refused = |reason: String| MethodError::Model(format!("the prediction {reason}"));
     let checked = prediction.picture.check();
@@ -274,7 +273,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
     }
 
-    /// A stored unit with the values of the current pair list and the current hashes of files.
+    /// Updates a stored unit from the current pair list and the current hashes of files.
     fn refreshed(&self, method: &dyn Method, mut unit: Unit) -> Result<Unit, EvaluateError> {
         let ResolvedPair { pair, scene, .. } = self.truth.planned;
         let refreshed = Record {
@@ -286,7 +285,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
             files: self.job.keys.pair_files(method, &self.truth.planned),
             ..unit.record.clone()
         };
-        // The stored scores belong to the old files; clear all, because this run may not recompute every metric.
+        // The stored scores belong to the old files. Clear all, because this run may not compute every metric again.
         if refreshed.files != unit.record.files {
             unit.scores.clear();
         }
@@ -315,7 +314,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         unit.record.warnings = made.warnings;
         unit.record.rule_note = made.rule_note;
         for note in prediction.notes {
-            // Tables show one note of each kind, identified by the note's first words.
+            // Tables show one note of each kind. A kind is identified by the note's first four words.
             let about = note.split(' ').take(4).collect::<Vec<_>>().join(" ");
             let id = &self.truth.planned.pair.pair_id;
             unit.record
@@ -528,7 +527,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }))
     }
 
-    /// The value of a step, and its wall time in seconds.
+    /// Runs a step; also returns its wall time in seconds.
     fn timed<T>(&self, step: impl FnOnce() -> T) -> (T, f64) {
         let started = (self.job.clock)();
         let value = step();
@@ -549,19 +548,19 @@ impl<'j, 'a> PairWork<'j, 'a> {
         let planned = self.truth.planned;
         let absurd = absurd_coverage(prediction, &self.source);
         if let Some((_, text)) = &absurd {
-            // Warn at once, because the warning is about how long the rendering will take.
+            // Warn before rendering, because the warning is that rendering will take very long.
             self.observer
                 .warn(&format!("method '{}': {text}", method.label()));
         }
         let is_chosen = self.job.checked.contains(name);
         let needs_depth = is_chosen && prediction.reading.is_some();
         let depth = match method.privilege().depth {
-            // The method does not see this depth, so unreadable depth must not make the prediction fail.
+            // The method itself does not need this depth, so unreadable depth must not make its prediction fail.
             TrueDepth::None if needs_depth => sources.depth(planned.source).ok().flatten().cloned(),
             _ => None,
         };
         let photograph = sources.photograph(planned.source)?;
-        // Ignore an unreadable mask here: only pairs in which this view is the target need it, and those fail.
+        // Treat an unreadable mask as none: it matters only to pairs with this view as their target, and those fail.
         let valid = planned.source.content.valid_pixels().ok().flatten();
         let valid = valid.as_ref().and_then(valid_mask);
         let source = CheckedSource {
@@ -578,7 +577,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(facts)
     }
 
-    /// A lost device or lack of memory says nothing about the pair: it ends the run, and a restart retries the unit.
+    /// A lost device or lack of memory is not the pair's fault, so it ends the run, and a restart retries the unit.
     fn render_failure(&self, method: &dyn Method, error: &RenderError) -> Failure {
         if error.is_device_fault() {
             Failure::Run(EvaluateError::Device {

@@ -42,23 +42,23 @@ pub struct Request {
     pub datasets: Vec<OpenDataset>,
     /// Checks of scenes for contradictions, made before anything else; `None` skips them.
     pub checks: Option<SceneChecks>,
-    /// The pattern of `--scenes`, for the record.
+    /// The pattern of `--scenes`, to be recorded in the manifest.
     pub only_scenes: Option<String>,
     pub pairs: PairOrigin,
     /// Evaluate at most this many of the selected pairs, spread over datasets and scenes.
     pub limit: Option<usize>,
-    /// Methods, with their specs for the record. Labels must be unique.
+    /// Methods, with the specs to record in the manifest. Labels must be unique.
     pub methods: Vec<BuiltMethod>,
     pub scoring: Scoring,
     /// Whether to score all methods of a pair on the region that all of them predict.
     pub common_region: bool,
     pub aggregation: Aggregation,
-    /// The protocol that the run follows, for the record.
+    /// The protocol that the run follows, to be recorded in the manifest.
     pub protocol: Option<ProtocolRecord>,
     pub backend: Backend,
     pub rendering: RenderSettings,
-    /// The configuration that the request was made from, stored in the run folder; `None` if the
-    /// request was made by code.
+    /// The configuration that the request was made from, to be stored in the run folder; `None` if code made the
+    /// request.
     pub config: Option<RunConfig>,
 }
 
@@ -102,7 +102,7 @@ pub struct Evaluation {
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,
     pub(super) config: Option<RunConfig>,
-    /// [`DatasetRecord::unreadable_views`] from the plan, keyed by dataset, because shards build no pairs.
+    /// [`DatasetRecord::unreadable_views`] by dataset, taken from the plan, because shards do not build pairs.
     planned_unreadable: BTreeMap<String, usize>,
     pub(super) methods: Vec<Box<dyn Method>>,
     pub(super) scoring: Scoring,
@@ -142,7 +142,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             let configs = request.config.iter_mut().flat_map(|c| &mut c.datasets);
             configs.for_each(|dataset| recipe.pin(dataset));
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
-            // The manifest and the report list the files that cause pairs to be missing.
+            // Record the files because of which pairs are missing, for the manifest and the report.
             for problem in built.build.left_out() {
                 let mut scenes = request.datasets.iter_mut().flat_map(|d| &mut d.scenes);
                 let is_of = |scene: &&mut Scene| {
@@ -256,8 +256,8 @@ fn check_independence(
     Ok(())
 }
 
-/// Warns if the list was made from other photographs. Fails if it was made from other poses, because its baselines and
-/// rotations would then be wrong, and pairs are sorted and plotted by them.
+/// Warns if the list was made from other photographs. Fails if it was made from other poses: pairs are sorted and
+/// plotted by baselines and rotations, which would be wrong.
 fn check_files(
     list: &PairList,
     scenes: &[Scene],

@@ -1,4 +1,4 @@
-//! Scores kept predictions under readings of the protocol other than the run's. Predicts and renders nothing, and does
+//! Scores kept predictions under other readings of a protocol than the run's. Predicts and renders nothing, and does
 //! not change the folder.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,7 +23,7 @@ use crate::pairs::dataset::scenes_of;
 use crate::scoring::rules::{Border, ScoringRules};
 use crate::scoring::{Region, Scoring};
 
-/// Colours are divided by alpha, but by no less than this, as in UniSHARP's trainer.
+/// Lower limit of the alpha by which colours are divided, as in UniSHARP's trainer.
 const MIN_ALPHA: f32 = 1e-4;
 
 /// How a prediction is converted to the scored picture.
@@ -71,22 +71,22 @@ impl PictureReading {
 /// A method's predictions scored under all readings.
 #[derive(Debug, Clone, Default)]
 pub struct Readings {
-    /// Units with a kept picture.
+    /// The units that have a kept picture.
     pub records: Vec<Record>,
-    /// Number of units of each dataset.
+    /// Number of units, with and without a kept picture, by dataset.
     pub units: BTreeMap<String, usize>,
-    /// For each reading and metric, one score per record. Metrics without any score are left out.
+    /// For each reading and metric, the scores of `records` in order. Metrics without any score are left out.
     pub scores: BTreeMap<(PictureReading, MetricKey), Vec<Option<f64>>>,
     /// Number of pairs without a score, keyed by reading and reason.
     pub absent: BTreeMap<(String, String), usize>,
-    /// Number of the run's scores that differ when recomputed from the kept pictures.
+    /// Number of scores that differ from the run's when recomputed from the kept pictures.
     pub changed: usize,
 }
 
-/// Scores a method's kept predictions under every reading whose pictures were kept.
+/// Scores a method's kept predictions under every reading for which the necessary pictures were kept.
 ///
 /// # Errors
-/// If the folder or its datasets cannot be read, or `root` is a bundle, which has no pictures.
+/// If the folder or its datasets cannot be read, or `root` is a bundle, which contains no pictures.
 pub fn score_readings(
     root: &Path,
     method: &str,

@@ -19,9 +19,9 @@ use crate::scoring::Region;
 pub enum Status {
     /// Predicted and scored.
     Ok,
-    /// A stage failed; the reason names the file or stage. The unit counts as missing.
+    /// A stage failed. The unit counts as missing.
     Failed {
-        /// The reason, in one line.
+        /// The reason, in one line, with the file or the stage.
         reason: String,
     },
 }
@@ -87,16 +87,16 @@ pub struct Record {
     /// The scored part of the target; `None` for all of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crop: Option<Crop>,
-    /// Share of the scored pixels that a mask includes, 0..1; `None` if no mask excludes any.
+    /// Share of the scored pixels that a mask includes, 0..1; `None` if no pixel is masked out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub valid_share: Option<f64>,
     /// Width and height of the prediction before resizing, pixels; `None` if it was not resized.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resized_from: Option<(u32, u32)>,
-    /// The scale chosen among several.
+    /// The scale of the scene that was chosen among several; `None` if the method tries only one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<ChosenScale>,
-    /// Hashes of the pair's files; `None` if unreadable, or in results of older versions.
+    /// Hashes of the pair's files; `None` if a file is unreadable or an older version wrote the result.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub files: Option<PairFiles>,
     /// Extra values reported by the method (`mean_alpha`, `hole_share`, …).
@@ -107,7 +107,7 @@ pub struct Record {
     /// How the stored picture was probably altered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub change: Option<PictureChange>,
-    /// The target that the stored picture matches best, if it was compared with the targets of other pairs.
+    /// The target that the stored picture matches best; `None` if it was not compared with other targets.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shows: Option<ShownTarget>,
     /// The camera from which the picture shows the scene, if measurable.
@@ -126,14 +126,13 @@ pub struct Record {
     /// little content was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub masked: Option<u8>,
-    /// A note on the rendering rule of the Gaussians, if it was stated neither by the file nor by
-    /// the user.
+    /// A note on the rendering rule of the Gaussians; `None` if the file or the user stated the rule.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rule_note: Option<String>,
 }
 
-/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if they agree on the hash of
-/// every view and, for each method, on the hash of every file of Gaussians.
+/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if their hashes of each view,
+/// and each method's hashes of each file of Gaussians, are equal.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PairFiles {
     /// Hash of the source's camera, photograph, mask and depth.
@@ -175,7 +174,7 @@ pub struct ChosenScale {
     pub tried: usize,
 }
 
-/// Describes the first view for which two successful results used different files; `None` if there is none.
+/// Describes the first view or file of Gaussians that differs between two successful results; `None` if there is none.
 pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>) -> Option<String> {
     let mut known: BTreeMap<(&str, &str, &str), (&str, &Record)> = BTreeMap::new();
     let mut gaussians: BTreeMap<[&str; 3], &str> = BTreeMap::new();
@@ -205,8 +204,8 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
                 ));
             }
         }
-        // A file of Gaussians may serve one source or all sources of a scene, so hashes are compared per file, not per
-        // source.
+        // Compare hashes per file, not per source, because a file of Gaussians may serve one source or all sources of a
+        // scene.
         let Record {
             method, dataset, ..
         } = record;
@@ -224,7 +223,7 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
 }
 
 impl Record {
-    /// All numbers other than scores, by column name: the method's extras, and the numbers in [`Self::crop`],
+    /// All numbers other than scores, by column name: the method's extras, and those of [`Self::crop`],
     /// [`Self::valid_share`], [`Self::resized_from`] and [`Self::scale`].
     pub fn reported(&self) -> BTreeMap<&str, f64> {
         let mut columns: BTreeMap<&str, f64> = self

@@ -26,11 +26,10 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::{OpenDataset, PairList};
 use crate::scoring::{Region, Scoring};
 
-/// Computes the scores that a folder's kept predictions are still missing under the given metrics.
+/// Computes those scores of a folder's kept predictions that are missing under the given metrics.
 ///
 /// # Errors
-/// If the folder or its datasets cannot be read, or earlier scores of LPIPS and DISTS were computed on another
-/// device.
+/// If the folder or its datasets cannot be read, or LPIPS and DISTS were previously computed on another device.
 pub fn rescore(
     root: &Path,
     scoring: &Scoring,
@@ -80,8 +79,8 @@ pub fn rescore(
     Ok((counts, results))
 }
 
-/// Like [`rescore`], for one shard of a plan, concurrently with other shards. Needs the datasets but no method. Writes
-/// units, but neither manifest nor tables.
+/// Like [`rescore`], for one shard of a plan, while other processes score other shards. Needs the datasets, but not the
+/// methods. Writes units, but neither manifest nor tables.
 ///
 /// # Errors
 /// If the metrics, or the device or code that computes them, differ from the plan's; also the errors of [`rescore`].
@@ -127,14 +126,14 @@ pub fn score_shard(
         memory: MemoryShares::of(memory_limit_bytes),
     };
     let mut counts = work.score(list, observer)?;
-    // Units without a prediction count too.
+    // Count the shard's units without a prediction, too.
     counts.units += of_shard - there;
     counts.waiting += of_shard - there;
     Ok(counts)
 }
 
-/// Advice for kept pictures whose input files have changed: an old prediction must not be scored against a new
-/// photograph.
+/// Advice if input files have changed since the pictures were kept, because an old prediction must not be scored
+/// against a new photograph.
 const EVALUATE_AGAIN: &str = "`run` with the same options evaluates this pair again";
 
 /// The manifest with its metrics replaced by those of `scoring`.
@@ -244,7 +243,7 @@ impl Kept<'_> {
         }
         observer.progress(counts.units, "");
         observer.end();
-        // The remaining units belong to scenes or views that were left out.
+        // What remains are units of scenes or views that were left out as unreadable.
         let unread = units.into_values().flatten().count();
         counts.units += unread;
         counts.failed += unread;
@@ -278,8 +277,8 @@ fn kept_picture(folder: &RunFolder, unit: &Unit) -> Option<RgbImage> {
     read_rgb8(&path).ok()
 }
 
-/// Scores units on the region of each target that all methods of the folder predict, ignoring methods that failed on
-/// the pair. The results depend on the set of methods, so they are stored in a subfolder.
+/// Scores each target's units on the region that all methods of the folder predict, ignoring methods that failed on the
+/// pair. The results depend on the set of methods, so they are stored in a subfolder.
 pub(super) fn score_common_region(
     folder: &RunFolder,
     pairs: &[ResolvedPair],

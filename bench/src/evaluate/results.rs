@@ -26,13 +26,13 @@ pub struct Results {
     /// Pair id and method of planned units without a result.
     pub missing: BTreeSet<(String, String)>,
     pub pictures: Vec<PictureFolder>,
-    /// Damaged files, whose units count as missing.
+    /// Damaged files of units; these units count as missing.
     pub damaged: Vec<PathBuf>,
     /// Whether the user listed the methods to show; see [`Shown`](super::Shown).
     pub methods_listed: bool,
 }
 
-/// A folder of kept pictures.
+/// A folder of kept pictures, and how its labels relate to the results.
 #[derive(Debug, Clone)]
 pub struct PictureFolder {
     pub folder: RunFolder,
@@ -96,8 +96,8 @@ impl Current {
         })
     }
 
-    /// Checks that no rows have been removed from the pair list and the plan since the manifest was written, and that
-    /// the list agrees with the units.
+    /// Fails if rows were removed from the pair list or the plan after the manifest was written, or if the list
+    /// contradicts the units.
     fn check_list(&self, folder: &RunFolder, list: &PairList) -> Result<(), EvaluateError> {
         let said = &self.manifest.pairs;
         check_rows(folder, said, &folder.plan()?, list)?;
@@ -128,7 +128,7 @@ impl Current {
         let metrics = self.manifest.metric_identities();
         let pairs: BTreeMap<&str, &Pair> = pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
         let done = || self.units.iter().filter(|unit| unit.is_done());
-        // Each name becomes a column, and an external program may report different names for each pair.
+        // Limit the number of names: each becomes a column, and external programs may report other names for each pair.
         let mut names: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
         for Unit { slot, record, .. } in done() {
             let of_method = names.entry(&slot.method).or_default();
@@ -157,7 +157,7 @@ impl Current {
     }
 }
 
-/// Checks that no rows have been removed from the pair list and the plan since the manifest was written.
+/// Fails if rows were removed from the pair list or the plan after the manifest was written.
 pub(super) fn check_rows(
     folder: &RunFolder,
     said: &PairsRecord,
@@ -196,8 +196,8 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     }
 }
 
-/// The folder with the units that tables show: that of the scores on the common region if the run has them, otherwise
-/// `folder`.
+/// The folder with the units to show in tables: the subfolder with the scores on the common region if the run has one,
+/// otherwise `folder`.
 pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
     if manifest.common_region {
         folder.common_region()
@@ -255,7 +255,7 @@ impl Results {
         })
     }
 
-    /// Replaces the labels of methods with those that `renamed` returns.
+    /// Replaces each method's label with the label that `renamed` returns for it.
     pub(super) fn relabel(&mut self, renamed: impl Fn(&str) -> String) {
         for record in &mut self.records {
             record.method = renamed(&record.method);
@@ -291,12 +291,12 @@ impl Results {
         failed.count()
     }
 
-    /// The kept picture of a record. If several folders have one, prefers the picture whose bytes were scored.
+    /// The kept picture of a record; if several folders have one, preferably a picture whose bytes were scored.
     pub fn kept_picture(&self, record: &Record) -> Option<KeptPicture> {
         self.kept(record, "png", |pictures| &pictures.sha256)
     }
 
-    /// The floating-point rendering kept for a record (linear RGB and alpha), chosen like [`Self::kept_picture`].
+    /// The kept floating-point rendering of a record (linear RGB and alpha), chosen like [`Self::kept_picture`].
     pub fn kept_rendering(&self, record: &Record) -> Option<KeptPicture> {
         self.kept(record, "exr", |pictures| &pictures.float_sha256)
     }
@@ -310,7 +310,7 @@ impl Results {
         let kept = self.pictures.iter().filter_map(|pictures| {
             let label = pictures.labels.get(&record.method)?;
             let unit = (record.pair_id.clone(), label.clone());
-            // Paths are built only from known ids, so a picture without a unit is not part of the run.
+            // Use only pictures of known units: others are not part of the run.
             let sha256 = hashes(pictures).get(&unit)?;
             let path = pictures.folder.prediction_path(label, &unit.0, extension);
             path.is_file().then(|| KeptPicture {

@@ -95,7 +95,7 @@ impl Evaluation {
     /// Writes the plan of a run for shards, with its estimated cost.
     ///
     /// # Errors
-    /// If the folder has another run, or the evaluation needs all units at once (`--common-region`); also the errors of
+    /// If the folder has another run, or `--common-region` is set, which needs all units at once; also the errors of
     /// [`Self::estimate`].
     pub fn plan(
         &self,
@@ -123,11 +123,11 @@ impl Evaluation {
         Ok(estimate)
     }
 
-    /// Writes the plan, without an estimate of its cost, unless the folder already has a plan. All shards of an
-    /// evaluation make the same plan, and may do so at the same time.
+    /// Writes the plan, without an estimate of its cost, unless the folder already has a plan. Processes of several
+    /// shards may call this at the same time, because they make equal plans.
     ///
     /// # Errors
-    /// If the folder has another plan, or the evaluation needs all units at once (`--common-region`).
+    /// If the folder has another plan, or `--common-region` is set, which needs all units at once.
     pub fn plan_shards(&self, out: &Path, observer: &dyn Observer) -> Result<(), EvaluateError> {
         self.check_shardable(out)?;
         let folder = RunFolder::create_shared(out)?;
@@ -158,8 +158,8 @@ impl Evaluation {
         }
     }
 
-    /// Executes a shard of a folder's plan, concurrently with other shards. Writes units, but neither manifest nor
-    /// tables.
+    /// Executes a shard of a folder's plan, while other processes execute other shards. Writes units, but neither
+    /// manifest nor tables.
     ///
     /// # Errors
     /// If the evaluation, its input files, the machine, or the code differs from those of the plan; also the errors of
@@ -224,7 +224,7 @@ impl Evaluation {
         Ok(counts)
     }
 
-    /// Checks that photographs and cameras are the same as in the plan.
+    /// Fails if photographs or cameras differ from those in the plan.
     fn check_files(&self, root: &Path, pairs: &[ResolvedPair<'_>]) -> Result<(), EvaluateError> {
         let pairs = pairs.iter().map(|planned| planned.pair.clone()).collect();
         let found = PairList::new(root.join("pairs.csv"), pairs).verify(&self.scenes);
@@ -268,8 +268,7 @@ impl Evaluation {
         if let Some(before) = folder.manifest()? {
             let (extended, replaced) = extended(before, manifest, out)?;
             manifest = extended;
-            // Units of this run will be updated. Units of other runs must have been made from the
-            // same files.
+            // Units of this run will be updated; units of other runs must have been made from the same files.
             let own = RunPlan::default().with(block);
             let own = own.units();
             let (units, _) = folder.units()?;

@@ -48,7 +48,7 @@ impl<'a> PairTruth<'a> {
         self.truth.get_or_init(read).as_ref().map_err(Clone::clone)
     }
 
-    /// The masks that the metrics need; empty if the target has no depth.
+    /// The masks that the metrics need; a mask is empty if the depth that it requires is missing.
     pub(super) fn masks(&self, scoring: &Scoring) -> Result<PairMasks, String> {
         let ScoringRules { mask, border } = scoring.rules;
         let mut masks = PairMasks {
@@ -79,7 +79,7 @@ impl<'a> PairTruth<'a> {
         if with_given {
             let bounds = mask(&|depth| source_bounds_mask(depth, seen, seer, pose));
             let size = (target.intrinsics.width, target.intrinsics.height);
-            // If the target has no depth, or too few pixels are inside, the mask is empty.
+            // The mask is empty if the target has no depth, or if too few pixels are inside the source's bounds.
             let enough = bounds.filter(|mask| mask.count() >= MIN_PIXELS);
             let nothing = || Mask::new(size.0, size.1, vec![false; Region::whole(size).area()]);
             masks.given = enough.or_else(nothing);
@@ -94,7 +94,7 @@ pub(super) struct Unscored {
     pub(super) picture: RgbImage,
 }
 
-/// The metrics whose scores are missing or were computed from other inputs.
+/// The metrics whose scores are missing or were computed from different inputs.
 pub(super) fn missing<'s>(
     unit: &Unit,
     scoring: &'s Scoring,
@@ -115,8 +115,8 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
-/// Parts of the memory limit for different purposes, in bytes. What is left is for the metrics' networks, the target,
-/// and the picture being rendered.
+/// Shares of the memory limit, in bytes. The remainder is for the metrics' networks, the target, and the picture being
+/// rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryShares {
     /// Share for the Gaussians of a source.
@@ -137,14 +137,14 @@ impl MemoryShares {
         }
     }
 
-    /// How many predictions of a target to pass to [`score_pair`] at once, at least 1. Memory must also hold as many
-    /// again, which are prepared meanwhile.
+    /// Maximum number of a target's predictions to pass to [`score_pair`] at once, at least 1. Memory holds up to twice
+    /// as many, because the next batch is prepared meanwhile.
     pub(super) fn pictures_of(self, target: &View) -> usize {
         let picture = 3 * u64::from(target.intrinsics.width) * u64::from(target.intrinsics.height);
         (self.pictures / (2 * picture).max(1)).max(1) as usize
     }
 
-    /// How many of at most `most` predictions the metrics compare at once, at least 1.
+    /// Number of predictions, 1 to `most`, that the metrics can compare at once within their share of memory.
     fn compared(self, truth: &GroundTruth, scorer: &Scorer, most: usize) -> usize {
         let fits = |count: &usize| {
             let copies = *count as u64 * truth.copied_bytes();
@@ -257,7 +257,7 @@ fn stored(
     })
 }
 
-/// A record of a pair without a result; `cluster` is the cluster of the pair's scene.
+/// A record of a pair that has no result yet; `cluster` is that of the pair's scene.
 pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
     Record {
         pair_id: pair.pair_id.clone(),

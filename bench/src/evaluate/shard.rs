@@ -34,13 +34,13 @@ impl Shard {
         }
     }
 
-    /// This share of a list sorted by pair id. The pairs of a source stay together, because they share one prediction.
-    /// The largest groups are assigned first, each to the share with the fewest pairs so far.
+    /// This share of a list sorted by pair id. The pairs of a source form a group that is not split, because they share
+    /// one prediction. Groups are assigned from the largest, each to the share with the fewest pairs so far.
     pub(super) fn of<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<T> {
         self.deal(list, pair_id).swap_remove(self.index - 1)
     }
 
-    /// Divides a list among all shares.
+    /// Divides a list, sorted by pair id, into all shares.
     pub(super) fn deal<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<Vec<T>> {
         let mut groups: Vec<std::ops::Range<usize>> = Vec::new();
         for at in 0..list.len() {
@@ -123,7 +123,7 @@ fn environment(name: &str) -> Option<String> {
     std::env::var(name).ok()
 }
 
-/// The share that belongs to a scheduler's array task.
+/// The share for this task of a scheduler's job array.
 fn of_array(
     count: Option<usize>,
     variable: impl Fn(&str) -> Option<String>,
@@ -146,7 +146,7 @@ fn of_array(
         return match count {
             Some(count) => Shard::new(index, count),
             None if size.is_some() && size == last => Shard::new(index, size.unwrap_or(index)),
-            // If only some tasks are submitted, such as 2 and 5 of 8, the environment does not tell the total.
+            // If only some tasks are submitted, such as 2 and 5 of 8, the environment does not state the total.
             None => Err(ShardError::Count(
                 "the indices of this Slurm array are not 1 to N without gaps, so the number of \
                  shards is unknown: use --shard auto/N",

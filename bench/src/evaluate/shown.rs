@@ -45,8 +45,8 @@ pub struct ShownError {
 }
 
 impl Shown {
-    /// The selected results. Results that will be compared are passed together: a name is an error only if none of them
-    /// has it.
+    /// The selected results. Results to be compared with each other are passed together, because a name is an error
+    /// only if it is in none of them.
     ///
     /// # Errors
     /// If a name is in none of the results, or two methods of one of them would have the same name.
@@ -103,13 +103,13 @@ impl Shown {
         Ok(())
     }
 
-    /// The name under which a method is shown.
+    /// The name under which the method with this label is shown.
     pub(crate) fn name<'a>(&'a self, label: &'a str) -> &'a str {
         let renamed = self.renamed.iter().find(|(old, _)| old == label);
         renamed.map_or(label, |(_, new)| new)
     }
 
-    /// The selected results; names that do not exist are ignored.
+    /// Like [`Self::of`] for single results, but ignores unknown names.
     pub(crate) fn chosen(&self, mut results: Results) -> Results {
         if !self.renamed.is_empty() {
             results.relabel(|label| self.name(label).to_owned());
@@ -156,7 +156,7 @@ impl Shown {
     }
 }
 
-/// The exact name of a dataset given in another case or by its title in the tables; unknown names are unchanged.
+/// The exact name of a dataset, given in any case or by its title in the tables; unknown names are returned unchanged.
 fn dataset_name(given: &str, all: &[Results]) -> String {
     let datasets = || all.iter().flat_map(|results| &results.manifest.datasets);
     let is_titled = |dataset: &&DatasetRecord| {
@@ -172,7 +172,7 @@ fn dataset_name(given: &str, all: &[Results]) -> String {
     found.map_or(given, |dataset| &dataset.name).to_owned()
 }
 
-/// Keeps the items whose names are in `names`, in their order there.
+/// Keeps the items whose names are in `names`, in the order of `names`.
 fn order<T>(items: &mut Vec<T>, names: &[&str], name: impl Fn(&T) -> String) {
     let place = |item: &T| names.iter().position(|listed| *listed == name(item));
     items.retain(|item| place(item).is_some());

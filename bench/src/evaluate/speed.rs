@@ -19,7 +19,7 @@ use crate::pairs::PosedCamera;
 use crate::pairs::pair_id::source_of;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// Numbers of uncounted and counted rounds of a measurement.
+/// Numbers of warm-up and counted rounds of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct SpeedOptions {
     /// Uncounted rounds on the first pair of each method and dataset.
@@ -44,8 +44,8 @@ pub struct Speed {
     /// Seconds from a ready renderer to the 8-bit picture in memory. Empty for methods that make
     /// pictures.
     pub render_secs: Vec<f64>,
-    /// Seconds of drawing on a GPU without copying the picture to the host, as papers usually measure it; empty on the
-    /// CPU.
+    /// Seconds of drawing on a GPU without copying the picture to the host, which is what papers usually measure; empty
+    /// on the CPU.
     pub device_secs: Vec<f64>,
     /// For each pair, numbers that explain its rendering time.
     pub splats: Vec<Splats>,
@@ -61,8 +61,8 @@ pub struct Splats {
     pub count: u64,
     /// Number of Gaussians that reach the picture.
     pub visible: u64,
-    /// Number of 16 × 16 pixel tiles that a visible Gaussian touches, summed over Gaussians. It determines the time of
-    /// sorting and blending.
+    /// Number of 16 × 16 pixel tiles that a visible Gaussian touches, summed over Gaussians. The time of sorting and
+    /// blending depends on it.
     pub tiles: u64,
     pub picture_tiles: u64,
 }
@@ -78,8 +78,7 @@ impl Evaluation {
     /// their own.
     ///
     /// # Errors
-    /// If the renderer's device fails. Other failures of a pair are counted, and the measurement
-    /// continues.
+    /// If the renderer's device fails. Other failures are listed in [`Speed::failures`], and the measurement continues.
     pub fn speed(
         &self,
         options: SpeedOptions,

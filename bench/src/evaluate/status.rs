@@ -21,7 +21,7 @@ pub struct RunProgress {
     pub all: RunStatus,
     /// Progress of each method, in the order of the plan.
     pub methods: Vec<(String, RunStatus)>,
-    /// Number of units finished recently, and the seconds that they took.
+    /// Number of recently finished units, and the seconds that they took; `None` if unknown.
     pub pace: Option<(usize, f64)>,
     pub estimate: Option<Estimate>,
     /// Damaged files; their units count as missing.
@@ -81,20 +81,20 @@ impl RunProgress {
         })
     }
 
-    /// Number of missing or unscored units. Excludes recorded failures, although a run retries them.
+    /// Number of missing or unscored units. Excludes recorded failures, although a run would retry them.
     pub fn open(&self) -> usize {
         self.all.missing + self.all.unscored
     }
 
-    /// Estimated seconds until the end at the current pace.
+    /// Estimated seconds until no unit is open, at the current pace; `None` if the pace is unknown.
     pub fn secs_left(&self) -> Option<f64> {
         let (units, secs) = self.pace?;
         Some(self.open() as f64 * secs / units as f64)
     }
 }
 
-/// Splits the plan into `count` shards, and returns the numbers (from 1) of the shards with a unit that has no result.
-/// With `retry_failed`, shards with a failed unit are included.
+/// Splits the plan into `count` shards. Returns the numbers (from 1) of the shards that contain a unit without a result
+/// or, with `retry_failed`, a failed unit.
 ///
 /// # Errors
 /// Those of [`RunProgress::read`]; also if `count` is out of range.
@@ -131,13 +131,13 @@ fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
     Ok((plan, current))
 }
 
-/// Number of units that finished within [`WINDOW`] before the last one, and the seconds that they took. The first of
-/// these units is not counted, because its end only marks the start of the period. `None` if only one unit finished in
-/// the period, or if the last one finished longer ago than [`WINDOW`].
+/// Number of units that finished within [`WINDOW`] before the last one, and the seconds between the first and the last.
+/// The first is not counted, because only its end is in the period. `None` if only one unit finished in the period, or
+/// if the last one finished longer ago than [`WINDOW`].
 fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
     times.sort();
     let last = *times.last()?;
-    // Tolerate a clock that has been set back.
+    // If the clock was set back, treat the last unit as just finished.
     let since = last.elapsed().unwrap_or_default();
     let first = *times
         .iter()

@@ -31,7 +31,7 @@ pub struct Unit {
     pub picture: Option<ScoredPicture>,
     /// Scores by metric key.
     pub scores: BTreeMap<String, StoredScore>,
-    /// Times; stored next to the scores, but not part of the result.
+    /// Times of the stages, which are not part of the result.
     pub timing: Timing,
 }
 
@@ -87,15 +87,14 @@ pub struct StoredScore {
 /// Times of a unit, and the machine it ran on.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Timing {
-    /// Wall time of inference without reading files, measured while an earlier pair was being scored. For methods that
-    /// predict Gaussians, it is the time of inference on the source, and every target and method that uses this
-    /// inference has the same value. For other methods, it is the time for the pair.
+    /// Wall time of inference in seconds, without reading files, measured while an earlier pair was being scored. For
+    /// methods that predict Gaussians, it is the time for the source, repeated for every target and method that uses
+    /// this inference. For other methods, it is the time for the pair.
     pub predict_secs: f64,
     /// Wall time of placing and rendering the Gaussians; 0 for methods that make pictures.
     #[serde(default)]
     pub render_secs: f64,
-    /// Key of the inference; units that share an inference have the same key. `None` if each unit
-    /// has its own.
+    /// Key of the inference, equal for all units that share it; `None` if each unit has its own inference.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inference: Option<String>,
     /// The unit's share of the wall time of the pair's metrics, measured while the next pair was
@@ -123,12 +122,12 @@ impl Unit {
         self
     }
 
-    /// Whether the checksum matches the other fields.
+    /// Whether the checksum matches the other fields, so that the file is undamaged.
     pub fn is_whole(&self) -> bool {
         self.checksum == self.computed_checksum()
     }
 
-    /// Whether the record matches the slot, and the slot's names cannot lead out of the folder.
+    /// Whether the record matches the slot, and the slot's names cannot form a path outside the folder.
     pub(super) fn is_consistent(&self) -> bool {
         let Record {
             pair_id,
@@ -146,8 +145,7 @@ impl Unit {
             && check_label(method).is_ok()
     }
 
-    /// The unit with its status reset to success, so that failed scoring is retried; `None` if there is no picture to
-    /// score.
+    /// The unit with its status set to success, so that failed scoring is retried; `None` if it has no picture.
     pub(super) fn scorable(mut self) -> Option<Self> {
         self.picture.as_ref()?;
         self.record.status = Status::Ok;
@@ -159,7 +157,7 @@ impl Unit {
             checksum: String::new(),
             ..self.clone()
         };
-        // Ordered maps of plain values: serialising cannot fail, and equal units give equal bytes.
+        // These are ordered maps of plain values: serialising cannot fail, and equal units give equal bytes.
         sha256_hex(&serde_json::to_vec(&open).unwrap_or_default())
     }
 
@@ -181,7 +179,7 @@ impl Unit {
         record
     }
 
-    /// The unit's progress; `lacks_scores` means that scores of requested metrics are missing.
+    /// The unit's progress. `lacks_scores` states whether scores of requested metrics are missing.
     pub(super) fn progress(&self, lacks_scores: bool) -> UnitProgress {
         match (&self.record.status, lacks_scores) {
             (Status::Failed { .. }, _) => UnitProgress::Failed,

@@ -1,9 +1,9 @@
-//! Crops and resizes imported pictures for scoring, by the paper's rules for smaller and cropped
-//! predictions.
+//! Crops and resizes imported pictures for scoring, by the paper's rules for predictions that are cropped or smaller
+//! than their targets.
 //!
 //! Scores are computed at the target's full resolution. A prediction of another size with the same aspect ratio is
-//! resized by a named kernel. A cropped one is compared with the equally cropped target; its record states the crop.
-//! Nothing is padded.
+//! resized by a named kernel. A cropped prediction is compared with the equally cropped target; its record states the
+//! crop. Nothing is padded.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -31,7 +31,7 @@ pub(super) enum CropRule {
     Center(u32, u32),
     /// `center`: the largest centred part with the picture's own aspect.
     CenterOfOwnAspect,
-    /// `sidecar`: given in a file next to each picture.
+    /// `sidecar`: the part stated in a file next to each picture.
     Sidecar,
 }
 
@@ -70,12 +70,12 @@ impl FitRules {
         self.crop
     }
 
-    /// Whether the region depends on the picture or on a sidecar file.
+    /// Whether the covered region depends on the picture's size or on a sidecar file.
     pub(super) fn needs_file(&self) -> bool {
         matches!(self.crop, CropRule::CenterOfOwnAspect | CropRule::Sidecar)
     }
 
-    /// The given options, for identities.
+    /// The options as the user gave them, for identities.
     pub(super) fn settings(&self) -> BTreeMap<String, String> {
         let mut settings = BTreeMap::new();
         if let Some(kernel) = self.kernel {
@@ -102,7 +102,7 @@ impl FitRules {
     }
 
     /// The part of a target that a picture of size `own` covers; `None` for the whole target. `sidecar` is the region
-    /// read from the picture's sidecar file, if there is one. Errors do not name the file.
+    /// from the picture's sidecar file, if any. Errors do not name the file.
     pub(super) fn region(
         &self,
         target: (u32, u32),
@@ -126,9 +126,8 @@ impl FitRules {
         Ok((region != Region::whole(target)).then_some(region))
     }
 
-    /// Reads a picture as 8 bit and resizes it to the part that it covers. If the size in its
-    /// header is wrong, the picture is not decoded, because a small file may hold more pixels than
-    /// fit in memory.
+    /// Reads a picture as 8 bit and resizes it to the part of the target that it covers. Checks the size in the file's
+    /// header before decoding, because a small file may contain more pixels than fit into memory.
     pub(super) fn read(
         &self,
         path: &Path,
@@ -142,7 +141,7 @@ impl FitRules {
         }
         let read = pictures::read_as(path, &self.reading).map_err(unreadable)?;
         let fitted = self.fit(read.picture, region, target).map_err(named)?;
-        // Conversions that the user requested cause no note.
+        // Note only conversions that the user did not request.
         let given: Vec<String> = self
             .reading
             .rules
@@ -157,7 +156,8 @@ impl FitRules {
         Ok(PicturePrediction { notes, ..fitted })
     }
 
-    /// Resizes a picture to the part that it covers, 8 bit. Errors do not name the file.
+    /// Resizes a picture to the part of the target that it covers, and converts it to 8 bit. Errors do not name the
+    /// file.
     fn fit(
         &self,
         picture: Picture,
@@ -203,7 +203,8 @@ impl FitRules {
                  width and height swapped"
             ));
         }
-        // The aspect ratios count as equal if they differ only because the smaller size is rounded to whole pixels.
+        // Aspect ratios count as equal if rounding the sides of the smaller size to whole pixels explains their
+        // difference.
         let ((small_w, small_h), (large_w, large_h)) = if w > to_w || h > to_h {
             ((to_w, to_h), (w, h))
         } else {
@@ -226,8 +227,8 @@ impl FitRules {
     }
 }
 
-/// The error message for a picture that needs a kernel to be resized to the size of `what`. It lists the kernels;
-/// `option` is the text with which the user sets one.
+/// The error message for a picture that needs a kernel to be resized to the size of `what`. Lists the kernels; `option`
+/// is the option, as the user would write it, that sets a kernel.
 pub(crate) fn needs_kernel(
     what: &str,
     (w, h): (u32, u32),

@@ -21,14 +21,14 @@ use crate::io::pictures::planes;
 /// SHARP's initializer and composer on ground-truth depth, rendered by our renderer.
 ///
 /// The source's depth, resized by nearest neighbour, fills both layers. The photograph is resized bilinearly with
-/// aligned corners. Both become squares of [`Self::resolution`] pixels, as the release resizes all inputs. Pooling and
-/// the global minimum use valid pixels only; blocks without a valid pixel are dropped. All deltas, which the network
-/// would predict, are zero.
+/// aligned corners. Both become squares with sides of [`Self::resolution`] pixels, as the release resizes all inputs.
+/// Pooling and the global minimum use valid pixels only; blocks without a valid pixel are dropped. All deltas, which
+/// the network would predict, are zero.
 ///
 /// Gaussians are placed by the affine map E_t E_s⁻¹ K_s⁻¹ with the dataset's own intrinsics, composited over black in
 /// linear light, encoded to sRGB and rounded to 8 bit.
 ///
-/// Extras: `dropped_blocks` (blocks of both layers without valid depth).
+/// Extras: `dropped_blocks`, the number of blocks in both layers without valid depth.
 #[derive(Debug, Clone)]
 pub struct DepthSplat {
     label: String,

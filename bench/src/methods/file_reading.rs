@@ -1,5 +1,5 @@
-//! Settings for reading a Gaussian file: how its numbers are stored, and where its space lies
-//! relative to the source's camera.
+//! Settings for reading a Gaussian file: how its numbers are stored, and how its coordinates relate to the source's
+//! camera.
 
 use std::path::Path;
 
@@ -24,9 +24,9 @@ pub enum FileSpace {
     Normalized,
 }
 
-/// Directions of a file's x, y and z axes, each one of `r` or `l`, `u` or `d`, `f` or `b` (right, left, up, down,
-/// forward, backward). OpenCV's are `rdf`, OpenGL's `rub`. In world space they are relative to the dataset's axes,
-/// taken as `rdf`.
+/// Directions of a file's x, y and z axes: for each axis, `r` or `l`, `u` or `d`, `f` or `b` (right, left, up, down,
+/// forward, backward). OpenCV's axes are `rdf`, OpenGL's `rub`. In world space, directions are relative to the
+/// dataset's axes, which count as `rdf`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Axes([u8; 3]);
 
@@ -95,15 +95,14 @@ impl Axes {
     }
 }
 
-/// Where the Gaussians of a file are: their coordinate space, and what maps the file's numbers to it.
+/// Where the Gaussians of a file are: their coordinate space, and the map from the file's numbers to this space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     pub space: FileSpace,
     pub axes: Axes,
     /// Unit of the file in metres.
     pub scale: f64,
-    /// Additional map, applied after the axes have been converted to OpenCV's and the unit to metres; its result is in
-    /// `space`.
+    /// Additional map to `space`, applied after the axes have been converted to OpenCV's and the unit to metres.
     pub transform: Option<DAffine3>,
     /// Shift (right, down) of the whole scene as seen by the source's camera, in pixels.
     pub shift: [f64; 2],
@@ -147,8 +146,7 @@ impl Placement {
             space.to_owned(),
             self.axes.name(),
             self.scale.to_string(),
-            // Print the matrix by columns, not the file's name, because the file may change or
-            // disappear.
+            // Print the matrix (by columns) instead of the file's name, because the file may change or disappear.
             self.transform.map_or_else(
                 || "none".to_owned(),
                 |map| map.to_cols_array().map(|v| v.to_string()).join(":"),
@@ -175,7 +173,7 @@ impl Placement {
             }
         };
         let [x, y] = self.shift;
-        // A pixel corresponds to a direction, so the shift of a point is proportional to its depth.
+        // A pixel corresponds to a direction, so shifting a point by pixels moves it in proportion to its depth.
         let shifted = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(x / fx, y / fy, 1.0));
         let widened = DMat3::from_diagonal(DVec3::new(self.focal[0], self.focal[1], 1.0));
         let space_from_file = self.transform.unwrap_or(DAffine3::IDENTITY) * own;
@@ -208,7 +206,7 @@ impl FileReading {
 
     pub(super) const RULE_KEY: &'static str = "rendering";
 
-    /// The reading of arrays in memory: decoded values in the source camera's space.
+    /// The reading of arrays in memory: their values are decoded and in the source camera's space.
     pub fn of_arrays() -> Self {
         Self {
             stored: StoredForm::default().of_arrays(),

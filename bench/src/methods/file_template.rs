@@ -44,14 +44,14 @@ impl FileTemplate {
         &self.0
     }
 
-    /// Possible paths in `folder` of the file for `id` (a pair or a source): first with plain names, then with names
+    /// Paths in `folder` where the file for `id` (a pair or a source) may be: first with plain names, then with names
     /// encoded as in ids. The files need not exist.
     pub(super) fn candidates(&self, folder: &Path, id: &str) -> Vec<PathBuf> {
         let encoded = path_of(id);
         let plain = if id.contains("__") {
             PairName::decode(id)
         } else {
-            // `x` stands in for the target, because templates for a source's files do not contain `{target}`.
+            // A source's id has no target. Add a dummy `x`, which templates for a source's files do not use.
             PairName::decode(&format!("{id}__x"))
         };
         let mut of_parts = encoded.splitn(3, '/');
@@ -74,8 +74,8 @@ impl FileTemplate {
             .collect()
     }
 
-    /// The first [candidate](Self::candidates) that exists. The error says that `what` is missing; `key` is the option
-    /// that sets the template.
+    /// The first [candidate](Self::candidates) that exists. Otherwise, the error says that `what` is missing, and names
+    /// the option `key`, which sets the template.
     pub(super) fn find(
         &self,
         folder: &Path,
@@ -94,7 +94,7 @@ impl FileTemplate {
     fn filled(&self, values: [&str; 5]) -> PathBuf {
         let mut out = String::new();
         let mut rest = self.0.as_str();
-        // Braces within a name are not placeholders.
+        // Replace placeholders in a single pass, so that braces within a substituted name remain.
         while let Some((before, after)) = rest.split_once('{') {
             let (name, after) = after.split_once('}').unwrap_or((after, ""));
             let value = NAMES.iter().position(|known| *known == name);
@@ -113,8 +113,8 @@ fn is_below(path: &Path) -> bool {
     parts.clone().next().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// A message that suggests a value for `file=`: the template that finds the most of the pairs' files in the folder.
-/// `None` if no template finds any. `extensions` are the file extensions that the method reads.
+/// Suggests a value for `file=`, as a message: the template that finds the most of the pairs' files in the folder.
+/// `None` if no template finds any. `extensions` are those of the files that the method reads.
 pub(super) fn suggestion(
     folder: &Path,
     ids: &BTreeSet<String>,

@@ -25,10 +25,11 @@ use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::{path_of, source_of};
 use crate::rendering::pose_alignment;
 
-/// A file's principal point counts as equal to the dataset's if it is within this many pixels along both axes.
+/// Minimum distance between a file's principal point and the dataset's along an axis, in pixels, for them to count as
+/// different.
 const MIN_SHIFT: f64 = 0.75;
 
-/// Extras that count Gaussians dropped by the renderer, and the reasons as text.
+/// Extras that count Gaussians dropped by the renderer, each with the reason in words.
 pub const UNUSABLE: [(&str, &str); 2] = [
     ("not_finite", "have values that are not finite"),
     ("zero_quaternions", "have a quaternion of zero"),
@@ -53,16 +54,16 @@ pub struct GaussianFiles {
     depth: TrueDepth,
     /// Whether `align=pose` was given.
     aligned: bool,
-    /// The views that the method was trained on, if given by `train=`.
+    /// The views that the method was trained on; `None` if `train=` does not list them.
     train: Option<TrainingViews>,
     several_views: bool,
     /// The settings for reading files, as given.
     reading: FileReading,
-    /// Template for the paths of the scenes' transform files, if each scene has its own.
+    /// Template for the paths of transform files; `None` unless each scene has its own transform file.
     transform: Option<FileTemplate>,
-    /// Template for the files' paths, if not the default.
+    /// Template for the paths of the Gaussian files; `None` for the default paths.
     file: Option<FileTemplate>,
-    /// Whether `axes=` was given; SPZ files need it.
+    /// Whether `axes=` was given, which SPZ files require.
     has_axes: bool,
 }
 
@@ -93,8 +94,8 @@ impl GaussianFiles {
             None | Some("source") => None,
             Some(text) => Some(TrainingViews::read(text).map_err(|reason| spec.refused(reason))?),
         };
-        // A file that serves all sources of a scene is assumed to have been made from several views of it. The user can
-        // state otherwise.
+        // A file that serves all sources of a scene is assumed to have been made from several views of it, unless
+        // `train=` states otherwise.
         let is_of_scene = reading.placement.space == FileSpace::World
             && match &file {
                 Some(template) => !template.names(&["source", "target", "pair"]),
@@ -114,7 +115,7 @@ impl GaussianFiles {
         })
     }
 
-    /// The id in the file's name: the pair's if each target has its own file, otherwise the source's.
+    /// The id after which the file is named: the pair's if each target has its own file, otherwise the source's.
     fn file_id<'p>(&self, pair_id: &'p str) -> &'p str {
         if self.needs_target() {
             pair_id
@@ -123,7 +124,7 @@ impl GaussianFiles {
         }
     }
 
-    /// The scene's transform file, if each scene has its own.
+    /// The transform file of the id's scene; `None` if scenes have no transform files.
     fn transform_of(&self, id: &str) -> Result<Option<PathBuf>, MethodError> {
         let Some(template) = &self.transform else {
             return Ok(None);
@@ -133,7 +134,7 @@ impl GaussianFiles {
         found.map(Some)
     }
 
-    /// The file for an id returned by [`Self::file_id`].
+    /// The Gaussian file for an id returned by [`Self::file_id`].
     fn find(&self, id: &str) -> Result<PathBuf, MethodError> {
         if let Some(template) = &self.file {
             let is_there = |path: &Path| path.is_file() || is_sog_folder(path);
@@ -176,8 +177,8 @@ fn size(path: &Path) -> u64 {
     inside.unwrap_or_else(|_| of_file(path))
 }
 
-/// Warns if a file was made for a principal point that differs from the dataset's. SHARP assumes the centre of the
-/// photograph.
+/// Warns if a file was made for a principal point (`stored`) that differs from the dataset's (`own`). SHARP assumes the
+/// centre of the photograph.
 fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String> {
     let is_same_size = (stored.width, stored.height) == (own.width, own.height);
     let by = [stored.cx - own.cx, stored.cy - own.cy].map(|by| (by * 1000.0).round() / 1000.0);
@@ -202,7 +203,7 @@ fn holds_files_of_scenes(dir: &Path) -> bool {
     })
 }
 
-/// Files and folders next to `stem` that have its name, with any extension, sorted.
+/// Files and folders whose path is `stem` with any extension, sorted.
 fn beside(stem: &Path) -> Vec<PathBuf> {
     let (Some(folder), Some(name)) = (stem.parent(), stem.file_name()) else {
         return Vec::new();
@@ -242,7 +243,7 @@ impl Method for GaussianFiles {
             let align = ("align".to_owned(), pose_alignment::procedure());
             identity.settings.extend([align]);
         }
-        // The file's location is not included, because its bytes are hashed.
+        // Leave out the file's location, because its bytes are hashed.
         identity
     }
 
@@ -367,7 +368,7 @@ impl PredictGaussians for GaussianFiles {
             first_layer: None,
             extras,
             rule: (rule != Rule::SHARP).then_some(rule),
-            // A file in the target's space is not tried in other spaces.
+            // For a file in the target's space, other readings are not tried.
             reading: (placement.space != FileSpace::Target).then_some(FileReading {
                 stored,
                 placement,
@@ -376,7 +377,8 @@ impl PredictGaussians for GaussianFiles {
             rule_note,
             warnings: doubts
                 .into_iter()
-                // Axes other than OpenCV's explain a rotation about z, and therefore this warning.
+                // Keep warnings about the order of quaternions only for OpenCV's axes: other axes also rotate Gaussians
+                // about z.
                 .filter(|d| d.about != StoredQuaternions::KEY || placement.axes == Axes::OPENCV)
                 .filter(|d| d.about != AXES)
                 .map(|doubt| {

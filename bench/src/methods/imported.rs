@@ -20,11 +20,10 @@ use crate::scoring::Region;
 
 /// Reads a folder of predicted pictures.
 ///
-/// Subfolders follow the pair id: `DIR/dataset/scene/source__target.png`; `file=` overrides this
-/// with a template of `{dataset} {scene} {source} {target} {pair}`. `alpha=`, `color=`,
-/// `orientation=` and `exr=` set how to read pictures that are not opaque, upright sRGB
-/// ([`PictureReading`](crate::io::pictures::PictureReading)). Like all predictions, the pictures
-/// are rounded to 8 bit.
+/// Subfolders follow the pair id: `DIR/dataset/scene/source__target.png`; `file=` overrides this with a template of
+/// `{dataset} {scene} {source} {target} {pair}`. `alpha=`, `color=`, `orientation=` and `exr=` set how to read pictures
+/// that are transparent, not in sRGB, not upright or in EXR files
+/// ([`PictureReading`](crate::io::pictures::PictureReading)). Like all predictions, the pictures are rounded to 8 bit.
 ///
 /// A picture of another size than the target's is an error unless these settings explain it:
 ///
@@ -36,7 +35,7 @@ use crate::scoring::Region;
 pub struct Imported {
     label: String,
     dir: PathBuf,
-    /// Template for the pictures' paths, if not the default.
+    /// Template for the paths of the pictures; `None` for the default paths.
     file: Option<FileTemplate>,
     fit: FitRules,
 }
@@ -66,7 +65,7 @@ impl Imported {
         })
     }
 
-    /// The same method reading from the subfolder `name`.
+    /// A copy of this method that reads from the subfolder `name`.
     fn in_folder(&self, name: &str) -> Self {
         Self {
             dir: self.dir.join(name),
@@ -102,8 +101,8 @@ impl Imported {
         }
     }
 
-    /// Path of the sidecar file. Appends the extension instead of replacing one, because a view's name may contain a
-    /// dot.
+    /// Path of the sidecar file. The extension is appended instead of replacing one, because a view's name may contain
+    /// a dot.
     fn sidecar_path(&self, pair_id: &str) -> PathBuf {
         self.dir.join(format!("{}.json", path_of(pair_id)))
     }
@@ -147,8 +146,8 @@ impl Method for Imported {
         &self.label
     }
 
-    /// The identity leaves out the folder. The bytes of each picture are hashed instead, so that moving the folder
-    /// keeps finished work valid.
+    /// The identity leaves out the folder, so that moving it keeps finished work valid. The bytes of each picture are
+    /// hashed instead.
     fn identity(&self) -> MethodIdentity {
         MethodIdentity {
             kind: "imported".to_owned(),

@@ -22,7 +22,7 @@ use crate::scoring::ScaleChooser;
 #[derive(Debug, Clone, Copy)]
 pub struct MethodKind {
     pub name: &'static str,
-    /// Names of the options, in groups that several kinds share; `label` is implied.
+    /// Names of the options, in groups shared by several kinds. All kinds also have `label`.
     pub options: &'static [&'static [&'static str]],
     /// What the method predicts.
     pub summary: &'static str,
@@ -255,10 +255,10 @@ pub const KINDS: [MethodKind; 8] = [
 /// A method with its spec; `None` for a method passed in as code.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the methods; their labels must be unique. Methods with `scales=` need a `chooser`, which selects among their
-/// predictions.
+/// Builds the methods; their labels must be unique. `chooser` selects among the predictions of methods with `scales=`,
+/// which require it.
 ///
-/// A method with `align=pose` is also built without this setting, for comparison, even if that is not requested.
+/// For each method with `align=pose`, also builds the method without this setting, for comparison.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,
@@ -306,7 +306,7 @@ fn kind_of(spec: &MethodSpec) -> Result<&'static MethodKind, SpecError> {
 
 type Built = Result<Box<dyn Method>, SpecError>;
 
-/// The method itself, or its sweep over the scales of `scales=`.
+/// The method itself; with `scales=`, its sweep over these scales.
 fn swept<M: PredictAtScale + 'static>(
     spec: &MethodSpec,
     chooser: Option<&Arc<ScaleChooser>>,

@@ -50,8 +50,8 @@ pub struct SourceView<'a> {
 }
 
 impl<'a> SourceView<'a> {
-    /// Creates a view. `name` is `dataset/scene/source`; `depth` is given only to methods with the [`Privilege`] to see
-    /// it.
+    /// Creates a view. `name` is `dataset/scene/source`. `depth` must be `None` unless the method has the [`Privilege`]
+    /// to see it.
     pub fn new(
         name: &'a str,
         camera: &'a PosedCamera,
@@ -139,7 +139,8 @@ pub struct PicturePrediction {
     pub resized_from: Option<(u32, u32)>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// For each conversion of the file that the user did not request, a sentence that names the setting for it.
+    /// For each conversion of the file that the user did not request: a sentence that names the setting that requests
+    /// it.
     pub notes: Vec<String>,
 }
 
@@ -167,7 +168,7 @@ pub enum GaussianSpace {
     /// The source's normalised space: the picture's edges are at ±1, z is in metres. Placed by E_t E_s⁻¹ K_s⁻¹.
     #[default]
     Normalized,
-    /// A space that this affine map transforms to the source camera's space, in metres.
+    /// A space from which this affine map leads to the source camera's space, in metres.
     Camera(DAffine3),
 }
 
@@ -181,19 +182,19 @@ impl GaussianSpace {
 pub struct GaussianPrediction {
     /// Gaussians with colours in the rule's blending space.
     pub gaussians: Gaussians,
-    /// Rendering rule; `None` for SHARP's under the run's settings.
+    /// Rendering rule; `None` for SHARP's rule under the run's settings.
     pub rule: Option<Rule>,
     pub space: GaussianSpace,
-    /// The network's first depth layer, in metres. If the method has the [`Privilege`] to use true
-    /// depth, the layer is aligned to it.
+    /// The network's first depth layer, in metres, aligned to the true depth if the method has the [`Privilege`] to use
+    /// it.
     pub first_layer: Option<DepthMap>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// How the Gaussians were read, if from an external file.
+    /// How the file was read; `None` unless the Gaussians are from an external file.
     pub reading: Option<FileReading>,
     /// Warnings about how the file was read, by topic.
     pub warnings: BTreeMap<String, String>,
-    /// Why this rendering rule was chosen, if it was stated neither by the file nor by the user.
+    /// Why this rendering rule was chosen; `None` if the file or the user stated it.
     pub rule_note: Option<String>,
 }
 
@@ -275,12 +276,11 @@ pub trait Method: Send + Sync {
     /// Value of the `method` column.
     fn label(&self) -> &str;
 
-    /// Everything about the instance that a prediction depends on.
+    /// Everything about this instance that its predictions depend on.
     fn identity(&self) -> MethodIdentity;
 
-    /// Hash of the predicting code, so that predictions are renewed when it changes; see
-    /// [`fingerprints`](crate::io::fingerprints). External methods have a version in their identity
-    /// instead.
+    /// Hash of the predicting code, so that predictions are renewed when the code changes; see
+    /// [`fingerprints`](crate::io::fingerprints). External methods have a version in their identity instead.
     fn sources(&self) -> &'static str {
         ""
     }
@@ -299,20 +299,20 @@ pub trait Method: Send + Sync {
         Vec::new()
     }
 
-    /// Files of the method, not of the dataset, that the prediction for this pair depends on.
+    /// Files that belong to the method, not to the dataset, and that the prediction for this pair depends on.
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())
     }
 
-    /// Checks before the first prediction whether the method's files for these pairs exist.
+    /// Checks, before the first prediction, that the method's files for these pairs exist.
     ///
     /// # Errors
-    /// If no file is at its expected place, but some are elsewhere; the error names that place.
+    /// If no file is at its expected place, but files are at another place, which the error names.
     fn check_files(&self, _pair_ids: &BTreeSet<String>) -> Result<(), String> {
         Ok(())
     }
 
-    /// Called once before the first prediction of a run. `logs` is the folder for logs, which need not exist;
+    /// Called once before the first prediction of a run. `logs` is the folder for logs, which is created on demand;
     /// `scratch_in` is the folder for [`scratch_folder`](crate::io::atomic_files::scratch_folder)s.
     fn begin(&self, _logs: &Path, _scratch_in: &Path) {}
 
@@ -324,7 +324,7 @@ pub enum Approach<'a> {
     Gaussians(&'a dyn PredictGaussians),
     /// Pictures at several scales of the scene; the best is scored.
     Scales(&'a dyn PredictScales),
-    /// The ground truth itself, for a self-test of the whole pipeline. The method does not see it.
+    /// The ground truth itself, for a self-test of the whole pipeline. The method's own code does not see it.
     Target,
 }
 
@@ -338,13 +338,13 @@ pub trait PredictPicture: Sync {
 }
 
 pub trait PredictGaussians: Sync {
-    /// Whether each target has its own Gaussians. By default, a source's Gaussians serve all targets, and the method
-    /// does not get the target.
+    /// Whether each target needs its own Gaussians. By default, a source's Gaussians serve all targets, and the method
+    /// is not given the target.
     fn needs_target(&self) -> bool {
         false
     }
 
-    /// Predicts the Gaussians of a source; `target` is given only if [`Self::needs_target`].
+    /// Predicts the Gaussians of a source. `target` is `None` unless [`Self::needs_target`].
     fn predict(
         &self,
         source: &SourceView,
@@ -364,7 +364,7 @@ pub trait PredictScales: Sync {
         target: &TargetCamera,
     ) -> Result<Vec<Candidate>, MethodError>;
 
-    /// Picks the best scale by comparing with the target.
+    /// Chooses the best scale by comparing pictures with the target.
     fn chooser(&self) -> &ScaleChooser;
 }
 
@@ -380,7 +380,7 @@ impl<F> Closure<F>
 where
     F: Fn(&SourceView, &TargetCamera) -> Result<PicturePrediction, MethodError> + Send + Sync,
 {
-    /// Wraps a function. Its code cannot be hashed; change `version` to predict again.
+    /// Wraps a function. Its code cannot be hashed, so changes of the code need a new `version` to take effect.
     pub fn new(label: impl Into<String>, version: impl Into<String>, predict: F) -> Self {
         Self {
             label: label.into(),

@@ -6,8 +6,7 @@ use std::path::Path;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::Deserialize;
 
-/// Largest deviation at which a matrix's columns count as equally long and orthogonal, as a share of their squared
-/// length.
+/// Maximum deviation of a matrix's columns from being equally long and orthogonal, as a share of their squared length.
 const SIMILARITY: f64 = 1e-3;
 
 #[derive(Deserialize)]
@@ -51,7 +50,7 @@ pub(super) fn read(path: &Path) -> Result<DAffine3, String> {
     })
 }
 
-/// Accepts only a rotation with scale and translation: others would shear Gaussians or mirror the scene.
+/// Accepts only rotation, scale and translation, because other maps would shear Gaussians or mirror the scene.
 pub(super) fn check(map: &DAffine3) -> Result<(), String> {
     let [x, y, z] = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
     let determinant = map.matrix3.determinant();

@@ -9,7 +9,7 @@ pub struct Privilege {
     /// Views of the scene other than the source.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub several_views: bool,
-    /// The target's photograph, used to align its camera before the picture is scored.
+    /// The target's photograph, to which the target's camera is aligned before the picture is scored.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub target_pose: bool,
 }
@@ -40,8 +40,8 @@ impl Privilege {
         }
     }
 
-    /// One phrase per privilege. Methods that see the true depth itself have no phrase here, because their descriptions
-    /// mention it.
+    /// One phrase per privilege. There is none for seeing the true depth itself, because the descriptions of such
+    /// methods mention it.
     pub fn phrases(self) -> impl Iterator<Item = &'static str> {
         let scale = self.depth == TrueDepth::DepthScale;
         [

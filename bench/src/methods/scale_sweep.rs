@@ -17,7 +17,7 @@ pub type Scale = (String, f64);
 
 /// A method that can predict a pair at a given scale of the scene.
 pub(super) trait PredictAtScale: Method {
-    /// Predicts the target's picture, with the distance between the two cameras multiplied by the scale.
+    /// Predicts the target's picture with the distance between the two cameras multiplied by the scale.
     fn predict_at(
         &self,
         scale: &Scale,
@@ -30,18 +30,18 @@ pub(super) trait PredictAtScale: Method {
         self.input_files(pair_id)
     }
 
-    /// Checks that the scale can be predicted. Errors do not name the method.
+    /// Fails if the method cannot predict at this scale. Errors do not name the method.
     fn check(&self, _scale: &Scale) -> Result<(), String> {
         Ok(())
     }
 }
 
-/// Predicts every pair at every scale and keeps the best.
+/// Predicts every pair at every scale and keeps the best scale.
 ///
-/// If a pair fails at any scale, the pair fails, because the best of fewer scales is not comparable. Ties go to the
-/// scale listed first.
+/// A pair fails if it fails at any scale, because the best of fewer scales would not be comparable. Of equally good
+/// scales, the one listed first is kept.
 ///
-/// Extras: `best_scale`, `scales_tried`, and those of the method at that scale.
+/// Extras: `best_scale`, `scales_tried`, and the method's extras at the best scale.
 #[derive(Debug)]
 pub(super) struct ScaleSweep<M> {
     method: M,

@@ -27,7 +27,7 @@ pub struct Sharp {
     network: NetworkSpec,
     identity: NetworkIdentity,
     depth: TrueDepth,
-    /// The checkpoint file, hashed while the network runs.
+    /// The checkpoint file. It is hashed while the network runs.
     checkpoint: HashedFile,
     predictor: OnceLock<Result<Predictor, String>>,
 }
@@ -66,8 +66,8 @@ impl Sharp {
             ..named.map_err(|error| refused(&error))?
         };
         let sharp = Self::new(&spec.label, network, depth).map_err(|error| refused(&error))?;
-        // If the official checkpoint was searched for rather than named, it must be the same file as at its first use.
-        // A cache that cannot be written is not an error.
+        // If the user did not name a checkpoint, the official one that was found must equal that of the first use. Not
+        // being able to write the cache is no error.
         if let (None, Some(record)) = (checkpoint, record_file(RELEASE_FILE)) {
             let Self {
                 network, identity, ..
@@ -78,7 +78,7 @@ impl Sharp {
                 Err(error) => return Err(refused(&error)),
             }
         }
-        // Fail on a mismatch before the first pair.
+        // Report a checkpoint that does not fit the network now, rather than at the first pair.
         let complete = CheckpointSource::open(&sharp.network.checkpoint)
             .and_then(|source| source.check(&sharp.network.config, &sharp.network.allow_unused));
         complete.map_err(|error| refused(&error))?;

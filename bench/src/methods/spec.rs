@@ -81,8 +81,8 @@ impl MethodSpec {
         self.options.get(key).map(String::as_str)
     }
 
-    /// Parses `depth=none|privileged`; for `privileged`, returns the argument, which is the use of true depth that this
-    /// kind supports.
+    /// Parses `depth=none|privileged`. The result for `privileged` is the argument: the use of true depth that this
+    /// kind of method supports.
     pub(super) fn depth(&self, privileged: TrueDepth) -> Result<TrueDepth, SpecError> {
         match self.option("depth") {
             None | Some("none") => Ok(TrueDepth::None),
@@ -91,7 +91,7 @@ impl MethodSpec {
         }
     }
 
-    /// A copy without `align=`, under another label.
+    /// A copy without `align=`, with a label of its own.
     pub(super) fn unaligned(&self) -> Self {
         let mut other = self.clone();
         other.options.remove("align");

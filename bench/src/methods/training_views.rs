@@ -50,7 +50,7 @@ impl TrainingViews {
         &self.sha256[..16]
     }
 
-    /// Whether the method was trained on a pair's source and target; `None` for an invalid id.
+    /// Whether the method was trained on the pair's source, and on its target; `None` for an invalid id.
     pub(super) fn hold(&self, pair_id: &str) -> Option<[bool; 2]> {
         let name = PairName::decode(pair_id).ok()?;
         let views = [&name.source, &name.target];

@@ -1,5 +1,5 @@
-//! Explains why a dataset has no pairs to evaluate, reports views that were left out, warns if pairs were chosen by depth
-//! that is too sparse, and suggests settings.
+//! Explains why a dataset has no pairs to evaluate, reports views that were left out, warns about depth that is too
+//! sparse to choose pairs by, and suggests settings.
 
 use sharp_datasets::DatasetSpec;
 
@@ -30,8 +30,8 @@ pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
     )
 }
 
-/// Advice for one dataset, if views were left out (`broken`), no pair was selected, or its depth is too sparse for the
-/// options.
+/// Advice for one dataset: on views that were left out (`broken`), on why no pair was selected, or on depth that is too
+/// sparse for the options. Empty if there is nothing to say.
 pub(super) fn advice(
     dataset: &DatasetSpec,
     counts: &PairCounts,
@@ -84,8 +84,8 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
     Some(format!("{}: {why}", counted_pairs(name, counts)))
 }
 
-/// Reports the views left out because their files cannot be read, and the pairs lost with them;
-/// `None` if no view was left out.
+/// Reports the views that were left out because their files cannot be read, and the number of pairs lost with them;
+/// `None` if there are no such views.
 fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<String> {
     let first =
         |problem: &&Problem| format!("{}/{} ({})", problem.scene, problem.view, problem.reason);

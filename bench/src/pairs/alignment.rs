@@ -8,7 +8,7 @@ use sharp_datasets::DepthMap;
 use super::PairError;
 use super::valid_depth::{is_valid_depth, median_of};
 
-/// A scale and the number of pixels it is computed from.
+/// A scale, and the number of pixels that it was computed from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MedianScale {
     pub scale: f64,
@@ -18,9 +18,9 @@ pub struct MedianScale {
 
 /// The median of `ground_truth / prediction` over the pixels at which both are finite and positive.
 ///
-/// This is the median of ratios, not the ratio of medians; for an even count, the mean of the two middle ratios. If the
-/// sizes differ, the prediction is sampled bilinearly at the ground truth's pixel centres; sparse ground truth is never
-/// resampled.
+/// This is the median of ratios, not the ratio of medians. For an even count, it is the mean of the two middle ratios.
+/// If the sizes differ, the prediction is sampled bilinearly at the ground truth's pixel centres; the ground truth,
+/// which may be sparse, is never resampled.
 ///
 /// # Errors
 /// [`PairError::NoValidDepth`] if no pixel qualifies.

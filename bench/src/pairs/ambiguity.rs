@@ -1,5 +1,5 @@
-//! Sensitivity of the pairs to the open choices: counts the pairs with one choice changed at a time. The choices are
-//! those of [`PairOptions`] and alternative settings of the datasets' readers.
+//! Sensitivity of the pairs to the open choices: counts pairs with one choice changed at a time. Open choices are those
+//! of [`PairOptions`] and the alternative settings of the datasets' readers.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,13 +12,14 @@ use super::dataset::OpenDataset;
 use super::options::PairOptions;
 use super::overlap_cache::OverlapCache;
 
-/// The subject of choices that also apply to stereo datasets; all other subjects apply to multi-view datasets only.
+/// The subject whose choices also apply to stereo datasets; all other subjects apply to multi-view datasets only.
 const SAMPLING: &str = "sampling";
 
 /// Subject of alternative reader settings.
 const READING: &str = "dataset reading";
 
-/// The alternatives, grouped by subject. Each is a text that [`PairOptions`] parses; spaces separate them.
+/// The alternatives by subject. A text contains the changes of one subject, separated by spaces; [`PairOptions`] parses
+/// each.
 const ALTERNATIVES: [(&str, &str); 10] = [
     ("threshold", "threshold=0.5 threshold=0.7 at-threshold=in"),
     (
@@ -52,7 +53,7 @@ const ALTERNATIVES: [(&str, &str); 10] = [
 pub struct Count {
     pub qualified: usize,
     pub selected: usize,
-    /// Number of pairs selected both here and under the base options.
+    /// Number of pairs that are selected under these options and also under the base options.
     pub shared: usize,
 }
 
@@ -79,9 +80,9 @@ pub struct OtherReading {
     pub scenes: Result<Vec<Scene>, String>,
 }
 
-/// Counts pairs under the base options (the first result), under each applicable alternative, and under other readings
-/// of the datasets. Stereo datasets are counted only under choices that apply to them. Overlaps are measured once for
-/// each set of measuring options; they are kept in the context's cache or, without one, in memory. Calls `advance(done,
+/// Counts pairs under the base options (the first result), under each alternative option that applies, and under other
+/// readings of the datasets. Stereo datasets are counted only under choices that apply to them. Overlaps are measured
+/// once per set of measuring options, and kept in the context's cache or, without one, in memory. Calls `advance(done,
 /// all)` after each count.
 pub fn alternatives(
     scenes: &[Scene],
@@ -113,8 +114,8 @@ pub fn alternatives(
     let options: Vec<(&str, &str, PairOptions)> = changed
         .filter(|(about, _)| *about == SAMPLING || !of_multi_view.is_empty())
         .filter_map(|(about, change)| Some((about, change, base.with(change).ok()?)))
-        // Sources of depth outside the dataset would need further files, so `overlap=` is varied only if the base uses
-        // the dataset's own depth.
+        // Vary `overlap=` only if the base uses the dataset's own depth: other sources of depth need files that may not
+        // exist.
         .filter(|(_, change, options)| {
             options != base && (!change.starts_with("overlap=") || base.depth.is_ground_truth())
         })
@@ -176,7 +177,7 @@ fn counts_of_reading(
     };
     let build = build_pairs(scenes, base, &context).map_err(|error| error.to_string())?;
     let mut counts = counts(&build, selected);
-    // A dataset without scenes has no pairs, but is still counted.
+    // A dataset without scenes gets an entry with zero pairs.
     counts.entry(reading.dataset.clone()).or_default();
     Ok(counts)
 }
@@ -213,8 +214,8 @@ fn counts(build: &PairBuild, base: &BTreeSet<&str>) -> BTreeMap<String, Count> {
 /// files outside the folder, and what to do if a picture's size differs from its camera's.
 const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
 
-/// Reads each dataset under every alternative setting of its reader. If its files cannot be opened under a setting, the
-/// reason is kept.
+/// Reads each dataset under every alternative setting of its reader. If the dataset cannot be opened under a setting,
+/// records the reason.
 pub fn other_readings(
     datasets: &[OpenDataset],
     only_scenes: Option<&str>,

@@ -1,4 +1,4 @@
-//! Opened datasets, with the pair options given for each.
+//! An opened dataset and its own pair options.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -39,7 +39,7 @@ pub struct DatasetReading {
     pub value: String,
     /// Whether the value is known to differ from the paper's.
     pub proxy: bool,
-    /// Whether several values are compatible with the paper, which does not state the one that it used.
+    /// Whether the paper, which does not state its value, may have used other values.
     #[serde(default)]
     pub open: bool,
 }
@@ -86,7 +86,7 @@ impl OpenDataset {
     /// Opens a dataset with the settings that a run recorded, even if a default has changed since.
     ///
     /// # Errors
-    /// Those of [`Self::open_all`]. Unlike there, it is not an error if no scene matches.
+    /// Those of [`Self::open_all`], but it is not an error if no scene matches.
     pub fn open_recorded(
         config: &DatasetConfig,
         recorded: &[DatasetReading],
@@ -109,7 +109,7 @@ impl OpenDataset {
             found.choose(|id| glob.is_match(id), &format!("--scenes {pattern}"));
         }
         let left_out = by_reason(&found.left_out);
-        // If all scenes are broken, report them as the reason why none is left.
+        // If all scenes are broken, fail with the reason.
         let scenes = if found.scenes.is_empty() {
             found.all()?
         } else {
@@ -131,7 +131,7 @@ impl OpenDataset {
             readings.push(DatasetReading {
                 key: "frame".to_owned(),
                 value: frame.to_string(),
-                // Any frame differs from the paper, which scores at full resolution.
+                // The paper scores at full resolution, so any frame differs from it.
                 proxy: true,
                 open: false,
             });
@@ -154,7 +154,7 @@ impl OpenDataset {
         })
     }
 
-    /// The dataset's folder, or that of its only photograph; `None` for a procedural one.
+    /// The dataset's folder, or the folder of its only photograph; `None` for a procedural dataset.
     pub fn root(&self) -> Option<&Path> {
         let path = self.config.spec.path.as_path();
         let path = if path.is_file() { path.parent()? } else { path };
@@ -172,7 +172,7 @@ impl OpenDataset {
         groups.map(|group| group.views.len()).sum()
     }
 
-    /// Why a scene was not read, given its id or the id of a parent folder; `None` if it was read or does not exist.
+    /// Why a scene was left out, alone or with a folder above it; `None` if it was read or does not exist.
     pub fn leaves_out(&self, scene: &str) -> Option<&LeftOutScenes> {
         let holds = |id: &String| {
             let rest = scene.strip_prefix(id.as_str());
@@ -183,8 +183,7 @@ impl OpenDataset {
         groups.find(|group| group.scenes.iter().any(holds))
     }
 
-    /// Doubts about the dataset's files, one line each; a doubt shared by several scenes is listed
-    /// once.
+    /// The readers' warnings about the dataset's files, one line each. A warning on several scenes is listed once.
     pub fn warnings(&self) -> Vec<String> {
         let mut scenes: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for scene in &self.scenes {

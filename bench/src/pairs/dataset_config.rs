@@ -73,7 +73,7 @@ impl PairOverrides {
 }
 
 impl DatasetConfig {
-    /// A copy without pair options, which describes the views alone.
+    /// A copy without pair options, for purposes that depend only on the views.
     #[must_use]
     pub fn without_pairs(&self) -> Self {
         Self {

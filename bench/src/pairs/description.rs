@@ -9,8 +9,7 @@ use sharp_datasets::View;
 
 use super::pair_id::{PairName, path_of};
 
-/// Format version; increased whenever a reader written for an earlier `pair.json` would
-/// misinterpret a new one.
+/// Format version; increased whenever a program written for an earlier `pair.json` would misinterpret a new one.
 pub const FORMAT: u32 = 1;
 
 /// A pair: both cameras, the motion between them, and the expected output. It contains the target's camera, but not its
@@ -33,8 +32,8 @@ pub struct PairDescription {
     pub target_from_source: [f64; 16],
     /// Location and size of the expected prediction.
     pub prediction: ExpectedPrediction,
-    /// Cameras at several scales, for methods without metric scale. The method predicts a picture at each scale, and
-    /// only the best is scored.
+    /// Cameras at several scales, for methods without metric scale. The method predicts a picture at each scale; only
+    /// the best is scored.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scales: Vec<ScaledCamera>,
     pub conventions: BTreeMap<&'static str, &'static str>,
@@ -47,7 +46,7 @@ pub struct ViewDescription {
     pub height: u32,
 }
 
-/// One camera of a scale sweep.
+/// The camera at one scale of a scale sweep.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScaledCamera {
     /// Name of the scale, as in `imported:scales=`.
@@ -93,7 +92,7 @@ impl PairDescription {
         }
     }
 
-    /// Adds cameras for a sweep over scales, each given as folder name and scale.
+    /// Adds cameras for a scale sweep; each scale is given as the name of its folder and its value.
     #[must_use]
     pub fn with_scales(mut self, scales: &[(String, f64)]) -> Self {
         let camera = |(name, scale): &(String, f64)| {
@@ -112,7 +111,7 @@ impl PairDescription {
     }
 }
 
-/// The camera of a view. For the target, this is all that a method may know.
+/// The camera of a view. A method knows nothing else about the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedCamera {
     pub id: String,

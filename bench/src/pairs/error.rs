@@ -1,4 +1,4 @@
-//! Why a pair list cannot be made or used.
+//! Errors of making and using pair lists.
 
 use std::path::PathBuf;
 

@@ -1,5 +1,5 @@
-//! Views of a dataset at another resolution, as a protocol requires. Pictures are resized and cropped, and cameras
-//! adjusted, before any other processing.
+//! Resizes and crops the views of a dataset to another resolution, as a protocol requires. Cameras are adjusted
+//! accordingly, before any other processing.
 //!
 //! Text form, the setting `frame=RULE:SIZE:KERNEL` of a dataset:
 //! * `cover:256x256:lanczos`: scaled by one factor (sides rounded) to cover the size, then centre-cropped;
@@ -26,7 +26,7 @@ use crate::io::pictures::to_rgb8;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame {
     pub rule: FrameRule,
-    /// A kernel with 8-bit input and output.
+    /// A kernel whose input and output are 8 bit.
     pub kernel: ResizeKernel,
 }
 
@@ -49,7 +49,7 @@ struct Fit {
 }
 
 impl Frame {
-    /// Kernels that keep 8 bit.
+    /// Kernels with 8-bit input and output.
     const KERNELS: [ResizeKernel; 3] = [
         ResizeKernel::Lanczos,
         ResizeKernel::Bicubic,
@@ -64,7 +64,7 @@ impl Frame {
         )
     }
 
-    /// Resizing and cropping of a picture of `w` × `h` pixels. Errors do not name the view.
+    /// How a picture of `w` × `h` pixels is resized and cropped. Errors do not name the view.
     fn fit(&self, (w, h): (u32, u32)) -> Result<Fit, String> {
         let fit = |resized, size: (u32, u32)| {
             let (rw, rh): (u32, u32) = resized;
@@ -187,11 +187,11 @@ struct Framed {
 }
 
 impl Framed {
-    /// The original pixels that row or column `at` of the crop covers: the first, and one past the last.
+    /// The range of original rows or columns (first, end) that row or column `at` of the crop covers, at least partly.
     fn covered(at: u32, corner: u32, from: u32, resized: u32) -> (u32, u32) {
         let place = |at: u32| f64::from(at) * f64::from(from) / f64::from(resized);
         let (first, end) = (place(at + corner), place(at + corner + 1));
-        // A position that misses a pixel's edge only by a rounding error counts as lying on the edge.
+        // A position that misses the edge of a pixel only by a rounding error counts as on the edge.
         let end = (end - 1e-9).ceil() as u32;
         ((first + 1e-9).floor() as u32, end.min(from))
     }
@@ -238,7 +238,7 @@ impl ViewContent for Framed {
         })))
     }
 
-    /// The depth at each pixel's centre, without interpolation.
+    /// The original depth at each pixel's centre, without interpolation.
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
         let Some(depth) = self.whole.depth()? else {
             return Ok(None);
@@ -258,7 +258,7 @@ impl ViewContent for Framed {
         })))
     }
 
-    /// Depth of the whole picture, neither resized nor cropped.
+    /// The stored depth of the original picture, neither resized nor cropped.
     fn stored_depth(&self) -> Result<Option<(PathBuf, FloatMap)>, DatasetError> {
         self.whole.stored_depth()
     }

@@ -3,14 +3,15 @@
 //! The paper fixes four rules: stereo pairs go from left to right, sets have ten views, overlap is above 60 %, and at
 //! most 512 pairs are used per dataset. Everything else is an option of [`PairOptions`], printed with the result.
 //!
-//! * [`sets`]: views into sets of ten.
+//! * [`sets`]: groups views into sets of ten.
 //! * [`depth`]: depth maps with their cameras, and sources of depth.
 //! * [`overlap`]: share of one view visible in another; [`overlap_cache`]: cached measurements.
 //! * [`options`]: every open choice, with its default and its text form.
 //! * [`pair_id`]: `dataset/scene/source__target`, in a decodable encoding.
 //! * [`DatasetConfig`]: a dataset spec with its pair options; [`dataset`]: an opened dataset; [`frame`]: views at
 //!   another size.
-//! * [`build`]: pairs from scenes; [`recipe`]: the choices and files behind a list; [`advice`]: why there is no pair.
+//! * [`build`]: pairs from scenes; [`recipe`]: the choices and files behind a list; [`advice`]: why a dataset has no
+//!   pairs.
 //! * [`description`]: one pair in JSON, and the cameras of its views.
 //! * [`provenance`]: origin of a list, for manifests.
 //! * [`ambiguity`]: sensitivity of the pairs to the open choices.
@@ -19,7 +20,7 @@
 //! * [`pair_list`]: pairs as a file that can be published, verified and compared.
 //! * [`foreign`]: published lists in other formats.
 //! * [`alignment`]: the global scale between predicted and ground-truth depth.
-//! * [`valid_depth`]: valid depths, their median and share.
+//! * [`valid_depth`]: valid depths, their median and density.
 
 pub mod advice;
 pub mod alignment;

@@ -43,7 +43,7 @@ pub(super) struct DepthFacts {
 /// Measurements of a scene under one set of measuring options.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct SceneOverlaps {
-    /// Facts, keyed by view; `None` for a view without valid depth.
+    /// Facts about depth, keyed by view; `None` for a view without valid depth.
     pub(super) depths: BTreeMap<usize, Option<DepthFacts>>,
     /// Overlaps of views a < b with valid depth, keyed by a, then by b.
     couples: BTreeMap<usize, BTreeMap<usize, Option<Overlaps>>>,
@@ -61,12 +61,13 @@ impl SceneOverlaps {
         self.couples.get(&a.min(b))?.get(&a.max(b))
     }
 
-    /// Whether the overlaps of views `a` and `b` are known without measuring.
+    /// Whether measuring views `a` and `b` would add nothing: their overlaps are known, or a view is known to have no
+    /// depth.
     pub(super) fn knows(&self, a: usize, b: usize) -> bool {
         self.couple(a, b).is_some() || self.has_none(a) || self.has_none(b)
     }
 
-    /// The share of the target visible in the source, and of the source visible in the target; `None` without depth.
+    /// The share of the target that is visible in the source, and the reverse; `None` without depth.
     pub(super) fn overlaps(&self, source: usize, target: usize) -> Option<(f64, f64)> {
         let found = (*self.couple(source, target)?)?;
         Some(if target < source {
@@ -76,7 +77,7 @@ impl SceneOverlaps {
         })
     }
 
-    /// Whether the view is known to have no usable depth.
+    /// Whether it is known that the view's depth is missing or cannot be read.
     pub(super) fn has_none(&self, view: usize) -> bool {
         self.failed.contains(&view) || self.depths.get(&view) == Some(&None)
     }
@@ -85,7 +86,7 @@ impl SceneOverlaps {
         Some(sha256_hex(&serde_json::to_vec(self).ok()?))
     }
 
-    /// Whether the indices are valid for a scene of `views` views.
+    /// Whether all indices are valid in a scene with this number of views.
     fn fits(&self, views: usize) -> bool {
         let couples = self.couples.iter();
         let mut couples = couples.flat_map(|(a, of_a)| of_a.keys().map(move |b| (*a, *b)));
@@ -136,7 +137,7 @@ impl OverlapCache {
         std::mem::take(&mut *lock(&self.warnings))
     }
 
-    /// Key of a scene's table; `None` if a file cannot be hashed, in which case nothing is stored.
+    /// Key of a scene's table; `None` if a file cannot be hashed, so that nothing can be stored.
     pub(super) fn key(
         &self,
         scene: &Scene,
@@ -164,7 +165,7 @@ impl OverlapCache {
         Some(sha256_hex(text.as_bytes()))
     }
 
-    /// The table of a key; empty if there is no usable file.
+    /// The table stored under a key; empty if there is none, or its file is unusable.
     pub(super) fn load(&self, key: &str, views: usize) -> SceneOverlaps {
         if let Some(table) = lock(&self.tables).get(key) {
             return table.clone();

@@ -23,8 +23,8 @@ pub struct Pair {
     pub baseline_m: f64,
     /// Angle between the two cameras, in degrees.
     pub rotation_deg: f64,
-    /// Median depth of the target, in metres. If the target of a stereo pair has no depth, the median of the source's
-    /// depth, because both views of a rectified pair share the depth axis. `None` if neither has depth.
+    /// Median depth of the target, in metres. If the target of a stereo pair has no depth, the median depth of the
+    /// source, because both views of a rectified pair share the depth axis. `None` if neither has depth.
     pub median_depth_m: Option<f64>,
     /// Share of the target's pixels that are visible in the source; `None` without depth.
     pub overlap: Option<f64>,

@@ -1,4 +1,4 @@
-//! Origin of a pair list, recorded when the list is built and later read from a file next to it.
+//! Origin of a pair list: recorded in a file next to the list when it is built, and read from there later.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -78,7 +78,7 @@ impl ListCompanion {
         write_json(&Self::path(list), self)
     }
 
-    /// The companion of `list`; `None` if there is none, or if it belongs to a list with other contents.
+    /// The companion of `list`; `None` if there is none, or if it was written for a list with other contents.
     pub fn of(list: &PairList) -> Option<Self> {
         let companion = Self::read(&Self::path(&list.path))?;
         (companion.schema == SCHEMA && companion.sha256 == list.sha256).then_some(companion)
@@ -88,7 +88,8 @@ impl ListCompanion {
         serde_json::from_slice(&sharp::files::read(path).ok()?).ok()
     }
 
-    /// Removes the companion of a list that is overwritten. Keeps a file of that name that is not a companion.
+    /// Removes the companion of a list that is about to be overwritten. Keeps a file of this name that is not a
+    /// companion.
     pub fn remove(list: &Path) -> Result<(), FileError> {
         let path = Self::path(list);
         match Self::read(&path) {

@@ -1,4 +1,4 @@
-//! The recipe of a pair list: the open choices, and the files they need.
+//! The recipe of a pair list: the open choices, and the files that they need.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -22,15 +22,15 @@ use crate::io::checkpoint::{depth_pro_network, find_depth_pro, named_network};
 use crate::io::observer::Observer;
 use crate::pairs::PairOverrides;
 
-/// The open choices behind a dataset's pairs, and the files they need.
+/// The open choices behind a dataset's pairs, and the files that these choices need.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PairRecipe {
     pub options: PairOptions,
     /// User-supplied depth maps, `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`.
     pub overlap_depth: Option<PathBuf>,
-    /// Checkpoint of `overlap=sharp-release` or `overlap=depth-pro`, by default the locally stored file.
+    /// Checkpoint for `overlap=sharp-release` or `overlap=depth-pro`; `None` for the one that is found on this machine.
     pub overlap_checkpoint: Option<PathBuf>,
-    /// Architecture of the checkpoint, `FILE.json#NAME`; by default the release's.
+    /// Architecture of the checkpoint, `FILE.json#NAME`; `None` for the release's.
     pub overlap_config: Option<String>,
 }
 
@@ -39,10 +39,9 @@ pub struct PairRecipe {
 pub struct BuiltList {
     pub build: PairBuild,
     pub provenance: BTreeMap<String, PairProvenance>,
-    /// One sentence for each dataset that has no selected pair, or whose depth is too sparse for
-    /// the choices.
+    /// One sentence for each dataset without a selected pair, or with depth that is too sparse for the choices.
     pub advice: Vec<String>,
-    /// Notes on the pairs of a dataset, for its record.
+    /// Notes on the pairs of each dataset, to be added to its record.
     pub notes: BTreeMap<String, String>,
 }
 
@@ -81,7 +80,7 @@ impl PairRecipe {
         }
     }
 
-    /// Checks that choices and files are consistent. Depth maps alone imply `overlap=given`.
+    /// Checks that choices and files fit together. Depth maps without another source of depth select `overlap=given`.
     ///
     /// # Errors
     /// [`PairError::Recipe`] names the option that is missing or not applicable.
@@ -109,7 +108,7 @@ impl PairRecipe {
         Ok(self)
     }
 
-    /// The recipe for a dataset: this one, with the dataset's own pair options applied.
+    /// The recipe for a dataset: this recipe, overridden by the dataset's own pair options.
     pub fn of(&self, dataset: &OpenDataset) -> Result<Self, PairError> {
         let own = &dataset.config.pairs;
         let named = |error: PairError| PairError::DatasetSpec {
@@ -118,7 +117,7 @@ impl PairRecipe {
         };
         let options = self.options.with(&own.options_text()).map_err(named)?;
         let mut common = self.clone();
-        // Drop files that belong to the common options but are not used by this dataset's own options.
+        // If the dataset has its own source of depth, drop those common files that this source does not use.
         if own.options.contains_key("overlap") {
             common
                 .overlap_depth
@@ -140,7 +139,8 @@ impl PairRecipe {
         Ok(recipe)
     }
 
-    /// Replaces [`OverlapDepth::Auto`] with the source of depth that it stands for.
+    /// Replaces [`OverlapDepth::Auto`] by [`OverlapDepth::DepthPro`] where the paper predicts depth and the checkpoint
+    /// is found, otherwise by [`OverlapDepth::GroundTruth`].
     fn resolve(&mut self, paper: PaperOverlap) {
         self.overlap_checkpoint = match paper {
             PaperOverlap::Sparse => find_depth_pro(),
@@ -152,8 +152,8 @@ impl PairRecipe {
         };
     }
 
-    /// Writes the source of depth that [`OverlapDepth::Auto`] stands for on this machine into the dataset's own
-    /// options. The configuration then gives the same pairs on machines that have other weights.
+    /// If the dataset's source of depth is [`OverlapDepth::Auto`], stores the source that this machine selects in the
+    /// dataset's own options, so that the configuration gives the same pairs on machines with other weights.
     pub fn pin(&self, dataset: &mut DatasetConfig) {
         let own = &mut dataset.pairs;
         let paper = dataset.spec.entry.paper_overlap;
@@ -171,7 +171,7 @@ impl PairRecipe {
         own.overlap_checkpoint = recipe.overlap_checkpoint;
     }
 
-    /// Builds the pair list of opened datasets, each by its own recipe. Files that cannot be read cause warnings.
+    /// Builds the pair list of opened datasets, each by its own recipe. Warns about files that cannot be read.
     ///
     /// # Errors
     /// If choices are inconsistent, or requested depth does not exist.

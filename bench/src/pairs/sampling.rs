@@ -30,7 +30,7 @@ pub struct SamplingOptions {
     /// Maximum number of pairs per dataset; `None` for all.
     pub limit: Option<usize>,
     pub rule: SamplingRule,
-    /// Seed of the draw, the same for every dataset.
+    /// Seed for drawing pairs; every dataset uses the same seed.
     pub seed: u64,
 }
 
@@ -79,16 +79,15 @@ pub fn sample(pairs: &[(&str, f64)], options: &SamplingOptions) -> Vec<bool> {
     selected
 }
 
-/// Chooses at most `limit` pairs of a list, in turn from each dataset and, within a dataset, from each of its scenes.
-/// Scenes, and the pairs of a scene, are shuffled first. The pairs for a smaller limit are a subset of those for a
-/// larger one.
+/// Chooses at most `limit` pairs of a list, taking turns over datasets and, within a dataset, over its scenes. Scenes,
+/// and the pairs of a scene, are shuffled first. The choice for a smaller limit is a subset of that for a larger one.
 pub fn spread<'a>(pairs: &[ResolvedPair<'a>], limit: usize) -> Vec<ResolvedPair<'a>> {
     let names = pairs.iter().map(|p| (&*p.pair.dataset, &*p.pair.scene));
     let chosen = spread_positions(&names.collect::<Vec<_>>(), limit);
     chosen.into_iter().map(|i| pairs[i]).collect()
 }
 
-/// Ascending indices of the chosen pairs, given the dataset and scene of each.
+/// Ascending indices of the chosen pairs, given each pair's dataset and scene.
 fn spread_positions(names: &[(&str, &str)], limit: usize) -> Vec<usize> {
     let in_dataset = |members: Vec<usize>| {
         let mut generator = SplitMix64::new(0);
@@ -114,7 +113,7 @@ fn strata<'a>(pairs: &'a [(&str, f64)]) -> impl Iterator<Item = usize> + 'a {
     let all = || pairs.iter().map(|(_, metres)| *metres);
     let least = all().fold(f64::INFINITY, f64::min);
     let span = all().fold(f64::NEG_INFINITY, f64::max) - least;
-    // If all baselines are equal or NaN, all pairs are in the first bin.
+    // If all baselines are equal or NaN, the quotient is NaN, which is converted to 0, the first bin.
     let bin = move |metres: f64| ((metres - least) / span * STRATA as f64) as usize;
     all().map(move |metres| bin(metres).min(STRATA - 1))
 }

@@ -1,4 +1,5 @@
-//! Quick check of scenes at the start of a run, cached by the content of the checked views.
+//! Quick check of scenes for contradictions at the start of a run. Results are cached by the content of the checked
+//! views.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -28,7 +29,7 @@ pub struct SceneChecks {
     hashes: ViewHashes,
 }
 
-/// The cache file of the contradictions found in a scene.
+/// The contradictions found in a scene, as stored in a cache file.
 #[derive(Serialize, Deserialize)]
 struct Found {
     key: String,
@@ -86,7 +87,7 @@ impl SceneChecks {
             .into_iter()
             .map(|i| &scene.views[i])
             .collect();
-        // Procedural scenes cannot contradict themselves.
+        // Skip procedural scenes, which have no files that could contradict each other.
         if views.iter().all(|view| view.content.files().is_empty()) {
             return Vec::new();
         }
@@ -108,7 +109,7 @@ impl SceneChecks {
                 contradictions,
             };
             let bytes = serde_json::to_vec(&found).unwrap_or_default();
-            // If writing fails, the scene is checked again next time.
+            // If this fails, the scene is merely checked again next time.
             let _ = write_atomic(&path, &bytes);
             return found.contradictions;
         }

@@ -34,12 +34,12 @@ pub struct SetOptions {
     /// Views per set, ≥ 2; ignored for [`Grouping::Whole`].
     pub size: usize,
     pub remainder: Remainder,
-    /// Maximum number of sets per scene; the first ones are kept.
+    /// Maximum number of sets per scene; the first sets are kept.
     pub max_sets: Option<usize>,
 }
 
 impl Default for SetOptions {
-    /// Ten consecutive views, remainder kept, no cap.
+    /// Sets of ten consecutive views; a smaller last set is kept, and the number of sets is not limited.
     fn default() -> Self {
         Self {
             grouping: Grouping::Consecutive,

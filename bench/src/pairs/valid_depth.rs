@@ -7,9 +7,9 @@ pub fn is_valid_depth(depth: f32) -> bool {
     depth > 0.0 && depth < f32::INFINITY
 }
 
-/// Share of a map's valid pixels whose right neighbour is also valid, 0..1. It is near 1 for an object in front of an
-/// empty background, and equals the share of valid pixels for scattered points. If no valid pixel has a right
-/// neighbour, it is 1.
+/// Of a map's valid pixels that have a right neighbour, the share whose right neighbour is valid, 0..1; 1 if there are
+/// no such pixels. It is near 1 for an object in front of an empty background, and about the share of valid pixels for
+/// scattered points.
 pub fn density(depth: &DepthMap) -> f64 {
     let width = depth.width().max(1) as usize;
     let rows = depth.as_raw().chunks_exact(width);

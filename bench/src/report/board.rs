@@ -37,7 +37,7 @@ pub struct DatasetBoard<'a> {
 
 #[derive(Debug)]
 pub struct PairBoard<'a> {
-    /// Any record of the pair, for facts that do not depend on the method.
+    /// A record of the pair by some method, for facts that do not depend on the method.
     pub facts: &'a Record,
     /// Records by method, in the order of [`Board::methods`]; `None` if the method has no record.
     pub by_method: Vec<Option<&'a Record>>,
@@ -66,16 +66,16 @@ pub struct ReportMethod {
     pub label: String,
     /// One line that describes the method and its options.
     pub description: String,
-    /// Why this row has no rank (`it is the ground truth itself`); `None` if it is ranked.
+    /// Why this row has no rank (`it is the ground truth itself`); `None` if it takes part in the ranking.
     pub unranked: Option<String>,
-    /// Whether this method is a trivial one, which every real method is expected to beat.
+    /// Whether the method is trivial, so that every real method is expected to beat it.
     pub is_baseline: bool,
-    /// Whether plots and sheets show the method. `target` and `mean` would stretch the axes, so they are left out
-    /// unless the user lists them or there is nothing else.
+    /// Whether plots and sheets show the method. They leave out `target` and `mean`, which would stretch the axes,
+    /// unless the user lists these methods or there are no others.
     pub is_plotted: bool,
     /// Name of the kernel that resized predictions of another size, if known.
     pub resize_kernel: Option<String>,
-    /// Warnings about the method's predictions. They are shown below the first table, after the method's label.
+    /// Warnings about the method's predictions, shown below the first table with the method's label.
     pub doubt: Option<String>,
     /// Notes on the method, shown next to `doubt`.
     pub note: Option<String>,
@@ -95,8 +95,8 @@ impl<'a> Board<'a> {
     /// Arranges results.
     ///
     /// # Errors
-    /// If a pair has two records of one method, or if two records of a pair disagree on its geometry. Means would then
-    /// be meaningless.
+    /// If a pair has two records of one method, or two records of a pair disagree on its geometry: means would then be
+    /// meaningless.
     pub fn of(results: &'a Results) -> Result<Self, ReportError> {
         let Results {
             manifest, records, ..
@@ -156,7 +156,7 @@ impl<'a> Board<'a> {
         methods.filter_map(|(i, method)| method.is_plotted.then_some(i))
     }
 
-    /// Pluralised names and counts, for the summary and the tiles of a page.
+    /// Pluralised names with their counts, for the page's summary.
     pub fn counts(&self, metrics: usize) -> [(&'static str, usize); 6] {
         let pairs = || self.datasets.iter().flat_map(|d| &d.pairs);
         let scenes = pairs().map(|pair| (&pair.facts.dataset, &pair.facts.scene));
@@ -182,7 +182,7 @@ impl<'a> Board<'a> {
     }
 }
 
-/// The first difference in geometry between two records of a pair. Geometry must not depend on the method.
+/// The name of the first geometric fact, which must not depend on the method, in which two records of a pair differ.
 fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
     let facts = |r: &Record| {
         [
@@ -197,7 +197,7 @@ fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
 }
 
 impl ReportDataset {
-    /// A dataset of which only the name and the format are known; the format may be empty.
+    /// A dataset of which only the name and the format are known. `format` may be empty.
     pub fn of(name: &str, format: &str) -> Self {
         Self {
             name: name.to_owned(),
@@ -239,8 +239,8 @@ impl ReportDataset {
         self.entry().is_some_and(|entry| entry.may_publish)
     }
 
-    /// The dataset's entry, found by format because users choose names freely. If the format is unknown, it is found by
-    /// name.
+    /// The dataset's catalogue entry, found by format or, if the format is unknown, by name. The format comes first,
+    /// because users choose names freely.
     pub(super) fn entry(&self) -> Option<&'static DatasetEntry> {
         let name = self.format.as_ref().unwrap_or(&self.name);
         let mut entries = ENTRIES.into_iter();
@@ -261,7 +261,7 @@ pub(super) fn proxies(
     let of_dataset = records.iter().filter(|r| r.dataset == dataset.name);
     let ids: BTreeSet<&str> = of_dataset.map(|record| record.pair_id.as_str()).collect();
     for list in &manifest.pairs.lists {
-        // A limited run does not record how many pairs were selected, so assume that the limit excluded some.
+        // A run with a limit does not record how many pairs were selected without it, so assume that it excluded some.
         let selected = list.limit.map_or(ids.len(), |_| usize::MAX);
         let choices = list.choices.get(&dataset.name).into_iter();
         for proxy in choices.flat_map(|choices| choices.proxies(&dataset.format, selected)) {
@@ -290,7 +290,7 @@ impl ReportMethod {
         let notes = notes.cloned().collect();
         let doubts = doubts_of(of_method, &identity.kind, record.privilege.depth);
         let joined = |texts: Vec<String>| Some(texts.join("; ")).filter(|text| !text.is_empty());
-        // The value is, for example, "bicubic [a = -0.75, …]"; the name is enough for a footnote.
+        // The value is, for example, "bicubic [a = -0.75, …]"; footnotes need only the name.
         let kernel = identity.settings.get("resize");
         let kernel = kernel.and_then(|text| text.split(' ').next());
         Self {

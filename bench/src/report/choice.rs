@@ -5,10 +5,10 @@ use sharp_metrics::Direction;
 use super::board::{Board, PairBoard};
 use super::column::Column;
 
-/// Chooses at most `limit` pairs, each with the index of its dataset. All datasets get equal shares of the limit; what
-/// a dataset with few pairs cannot use goes to the others. One half of a dataset's share are the pairs with the largest
-/// `badness`. If `evenly`, the other half is spread over the remaining pairs; if not, it consists of the pairs with the
-/// smallest `badness`.
+/// Chooses at most `limit` pairs, each with the index of its dataset. All datasets have equal shares of the limit; what
+/// a dataset with few pairs leaves over is added to the shares of the others. Half of a dataset's share are the pairs
+/// with the largest `badness`. The other half are, if `evenly`, spread over the remaining pairs, otherwise the pairs
+/// with the smallest `badness`.
 pub(super) fn choose<'a>(
     board: &'a Board<'a>,
     limit: usize,
@@ -76,8 +76,8 @@ fn worst_first<'a>(
     order.into_iter().map(|(pair, _)| pair).collect()
 }
 
-/// The pairs on which `method` is worse than `other` in the first ranked metric, sorted by decreasing difference, then
-/// by id.
+/// The pairs on which `method` is worse than `other` in the first ranked metric, the largest difference first, then by
+/// id.
 pub(super) fn most_lost<'a>(
     pairs: &'a [PairBoard<'a>],
     metrics: &[Column],
@@ -100,8 +100,8 @@ pub(super) fn most_lost<'a>(
     worst_first
 }
 
-/// How bad a pair's scores are: the mean score of the ranked methods in the first metric that has finite scores,
-/// negated if higher is better.
+/// A number that is larger for worse scores: the mean score of the ranked methods in the first metric that has finite
+/// scores, negated if higher is better.
 pub(super) fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column]) -> f64 {
     let mean_of = |metric: &Column| {
         let sign = match metric.direction? {

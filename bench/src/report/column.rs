@@ -70,10 +70,10 @@ const REPORTED: [(&str, &str, usize, &str); 10] = [
     ),
 ];
 
-/// A table column: a metric of exactly one identity, or a quantity that methods report.
+/// A table column: a metric with one specific identity, or a quantity that methods report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Column {
-    /// Key in a record's scores, such as `ssim[gauss11,valid]`, or in its reported values. Each key has its own column.
+    /// Key in a record's scores, such as `ssim[gauss11,valid]`, or in its reported values; unique among columns.
     pub key: String,
     /// Name with variant and region, such as `SSIM gauss11 valid (frustum)`.
     pub label: String,
@@ -81,13 +81,14 @@ pub struct Column {
     pub short: String,
     /// Unit such as `dB`; empty for a number without unit.
     pub unit: String,
-    /// Decimals shown; numbers are ranked after rounding to as many decimals.
+    /// Number of decimals shown. Numbers are ranked after rounding to as many decimals.
     pub decimals: usize,
-    /// Whether higher or lower values are better; if `None`, values are not ranked.
+    /// Whether higher or lower values are better; `None` if values are not ranked.
     pub direction: Option<Direction>,
     /// How the number is computed, including everything that affects its value.
     pub convention: String,
-    /// Name of the network and SHA-256 of its weights, if they are not the published ones; otherwise `None`.
+    /// Name of the network and SHA-256 of its weights; `None` for the published weights and for metrics without a
+    /// network.
     pub stand_in: Option<String>,
 }
 
@@ -184,8 +185,8 @@ impl Column {
         self.key.split(['[', '@']).next().unwrap_or_default()
     }
 
-    /// Column names in one table. A default variant has the short name, unless the table has another variant of the
-    /// same family.
+    /// Names of the columns in one table. A default variant has the short name unless the table has another variant of
+    /// the same family.
     pub fn names(columns: &[Self]) -> Vec<&str> {
         let names = columns.iter().map(|column| {
             let mut family = columns.iter().filter(|c| c.family() == column.family());
@@ -209,7 +210,7 @@ impl Column {
         heads.collect()
     }
 
-    /// The columns of the metrics in `keys`, in that order; all columns if `keys` is empty.
+    /// The columns of the metrics in `keys`, in the order of `keys`; all columns if `keys` is empty.
     ///
     /// # Errors
     /// If a metric has no column.
@@ -231,7 +232,7 @@ impl Column {
         shown(value, self.decimals)
     }
 
-    /// The column's part of file names.
+    /// The part of file names that identifies the column.
     pub fn slug(&self) -> String {
         slug(&self.key)
     }

@@ -41,7 +41,7 @@ pub fn colour(share: f32) -> Rgb<u8> {
     Rgb(rgb)
 }
 
-/// Colours a map; `share` gives a value's position in the scale's range, or `None` for grey.
+/// Colours a map. `share` returns a value's position in the range of the scale, or `None` for values to show in grey.
 pub fn false_colours(
     map: &ImageBuffer<Luma<f32>, Vec<f32>>,
     share: impl Fn(f32) -> Option<f32>,
@@ -88,8 +88,8 @@ pub fn absolute_error(
 }
 
 /// The error in colour, with `max` at the top of the scale, reduced to fit `side` pixels. Before colouring, errors are
-/// averaged over the pixels that are `scored`. A reduced pixel is [`hatched`] if most of the pixels that it covers are
-/// not scored.
+/// averaged over those pixels that are `scored`. A reduced pixel is [`hatched`] if it covers mostly pixels that are not
+/// scored.
 ///
 /// # Errors
 /// If the sizes differ.
@@ -106,11 +106,11 @@ pub fn picture(
     }))
 }
 
-/// A reduced pixel is hatched if less than this share of the pixels that it covers is scored.
+/// A reduced pixel is hatched if the share of scored pixels that it covers is below this.
 const MIN_SCORED: f32 = 0.5;
 
-/// Values in colour, averaged over the scored pixels and reduced to fit `side` pixels. A reduced pixel is [`hatched`]
-/// if the share of scored pixels that it covers is below `min_scored`.
+/// Values in colour, reduced to fit `side` pixels by averaging over scored pixels. A reduced pixel is [`hatched`] if
+/// the share of scored pixels that it covers is below `min_scored`.
 pub(super) fn averaged(
     mut error: ImageBuffer<Luma<f32>, Vec<f32>>,
     scored: impl Fn(u32, u32) -> bool,
@@ -159,7 +159,7 @@ pub fn change(
     }))
 }
 
-/// Okabe and Ito's vermilion at 1 and above, their blue at −1 and below.
+/// Okabe and Ito's vermilion for 1 and above, their blue for −1 and below, and mixtures with grey in between.
 fn diverging(share: f32) -> Rgb<u8> {
     let end = if share > 0.0 {
         [0xD5, 0x5E, 0x00]

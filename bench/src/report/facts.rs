@@ -27,7 +27,7 @@ impl FactGroup {
     }
 }
 
-/// Options, versions and pair lists.
+/// The facts in a manifest: options, versions and pair lists.
 pub(super) fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     let mut groups = Vec::new();
     let notes = dataset_notes(manifest);
@@ -119,7 +119,7 @@ fn list_facts(list: &ListRecord) -> Vec<Fact> {
         let text = format!("{limit} (not all that are selected)");
         facts.push(fact("limit", text));
     }
-    // Merge facts that are the same for several datasets.
+    // Merge facts that several datasets have in common.
     let mut rows: BTreeMap<Fact, Vec<&str>> = BTreeMap::new();
     for (dataset, choices) in &list.choices {
         for row in choice_facts(choices) {

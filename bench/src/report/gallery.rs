@@ -1,4 +1,4 @@
-//! The pairs shown on the page, with their pictures, within a byte budget.
+//! Selects the pairs of the page and encodes their pictures within a byte budget.
 
 use std::collections::BTreeMap;
 
@@ -22,17 +22,17 @@ pub(super) const PAIRS_IN_FILE: usize = 24;
 pub(super) const ERROR_MAX: f32 = 0.5;
 /// Change of the absolute error at both ends of its colour scale.
 pub(super) const CHANGE_MAX: f32 = 0.2;
-/// Minimum side of pictures in a single-file page, in pixels. To save space, the page shows fewer
-/// pairs rather than smaller pictures.
+/// Minimum longer side of pictures in a single-file page, in pixels. To save space, the page shows fewer pairs rather
+/// than smaller pictures.
 const MIN_SIDE: u32 = 240;
-/// Minimum side of pictures in a folder, in pixels. A folder shows all pairs.
+/// Minimum longer side of pictures in a folder, in pixels. It is smaller, because a folder must show all pairs.
 const MIN_SIDE_IN_FOLDER: u32 = 96;
 /// Number of pairs per dataset that are encoded to estimate the size of all pictures.
 const PROBES: usize = 5;
-/// Pictures are sized to fill this share of the budget, because their file sizes are estimates.
+/// Share of the budget that pictures are sized to fill. The rest is a margin, because file sizes are estimates.
 const TARGET_FILL: f64 = 0.9;
 
-/// Kind of a pair's picture. The two views' kinds come first, then those of predictions.
+/// Kind of a pair's picture: first the kinds for the two views, then those for a prediction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PictureKind {
     Source,
@@ -67,7 +67,7 @@ impl PictureKind {
     }
 }
 
-/// Pictures, or the reasons why they are missing. Kinds that do not apply have no entry.
+/// Pictures by kind, or the reasons why they are missing. Kinds that do not apply are left out.
 pub type Pictures = BTreeMap<PictureKind, Result<Thumbnail, MissingPicture>>;
 
 #[derive(Debug)]
@@ -75,7 +75,7 @@ pub struct Gallery<'a> {
     pub layout: Layout,
     /// Pairs, sorted by dataset as in the board, then by id.
     pub pairs: Vec<GalleryPair<'a>>,
-    /// Number of pairs in the run, shown or not.
+    /// Number of pairs in the run, including those that are not shown.
     pub of: usize,
     /// Longest side of the pictures, in pixels.
     pub side: u32,
@@ -88,7 +88,7 @@ pub struct GalleryPair<'a> {
     pub pair: &'a PairBoard<'a>,
     /// Pictures of the two views.
     pub views: Pictures,
-    /// Predictions by method; `None` if the method has no record of this pair.
+    /// Pictures of the predictions, by method; `None` if the method has no record of this pair.
     pub methods: Vec<Option<GalleryPrediction<'a>>>,
 }
 
@@ -112,7 +112,7 @@ impl GalleryPair<'_> {
     fn bytes(&self, layout: Layout) -> usize {
         let bytes: usize = self.pictures().map(|picture| picture.jpeg.len()).sum();
         match layout {
-            // Base64 encoding.
+            // Base64 encodes three bytes as four characters.
             Layout::File => bytes.div_ceil(3) * 4,
             Layout::Folder => bytes,
         }
@@ -120,8 +120,8 @@ impl GalleryPair<'_> {
 }
 
 impl<'a> Gallery<'a> {
-    /// Selects pairs, then reduces and encodes their pictures to a size that is likely to fit the budget. If a
-    /// single-file page still exceeds the budget, the last pairs are dropped.
+    /// Selects pairs and encodes their pictures, reduced to a size at which they probably fit the budget. If a
+    /// single-file page still exceeds the budget, drops pairs from its end.
     pub fn new(
         board: &'a Board<'a>,
         metrics: &[Column],
@@ -186,7 +186,7 @@ impl<'a> Gallery<'a> {
     }
 }
 
-/// Path of a picture relative to the page. A view shared by several pairs is one file.
+/// Path of a picture relative to the page. Pairs that share a view share its file.
 pub(super) fn file_name(picture: &Thumbnail) -> String {
     format!("{THUMBNAILS}/{}.jpg", &sha256_hex(&picture.jpeg)[..16])
 }
@@ -194,8 +194,8 @@ pub(super) fn file_name(picture: &Thumbnail) -> String {
 /// The folder of pictures next to the page.
 pub(super) const THUMBNAILS: &str = "thumbs";
 
-/// The longest side at which all pictures are likely to fit the budget. It is estimated by encoding a few pairs of each
-/// dataset. File sizes grow only roughly with the area, so the estimate is corrected twice.
+/// The longest side at which all pictures are likely to fit the budget, estimated by encoding a few pairs of each
+/// dataset. File sizes are only roughly proportional to the area, so the estimate is corrected twice.
 fn side<'a>(
     chosen: &[(usize, &'a PairBoard<'a>)],
     layout: Layout,
@@ -225,7 +225,7 @@ fn side<'a>(
         let needed = bytes.iter().sum::<f64>().max(1.0);
         let fitting = f64::from(side) * (TARGET_FILL * budget.bytes as f64 / needed).sqrt();
         let before = side;
-        // `as` saturates.
+        // `as` saturates: a value out of range becomes the nearest u32.
         side = (fitting as u32).max(least).min(budget.side).max(1);
         if side == before {
             break;
@@ -234,7 +234,7 @@ fn side<'a>(
     side
 }
 
-/// Index of the method that `method` is compared with.
+/// Index of the method with which the report compares the method at index `method`; `None` if there is none.
 pub(super) fn against(options: &ReportOptions, board: &Board<'_>, method: usize) -> Option<usize> {
     let label = &board.methods.get(method)?.label;
     let mut against = options.comparison.as_ref()?.against.iter();

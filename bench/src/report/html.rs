@@ -97,7 +97,7 @@ impl Page<'_> {
         style(*method).ink.hex()
     }
 
-    /// Whether some target has pixels that are not scored.
+    /// Whether some pixels of some target are not scored.
     fn excludes_pixels(&self) -> bool {
         let mut records = self.results.records.iter();
         records.any(|r| r.crop.is_some() || r.valid_share.is_some())
@@ -112,20 +112,21 @@ impl Page<'_> {
         self.gallery.has(kind)
     }
 
-    /// Link to the full prediction. `None` for a cropped one, because the page shows it at its position in the target.
+    /// Link to the full prediction. `None` for a cropped prediction, because the page shows it at its position in the
+    /// target.
     pub(super) fn full_path(&self, record: &Record) -> Option<String> {
         let kept = self.pictures.linked(record);
         self.link(&kept.filter(|_| record.crop.is_none())?)
     }
 
-    /// Link to the page that `render --viewer` wrote next to the kept prediction, if any.
+    /// Link to a page by `render --viewer` next to the kept prediction; `None` if there is none.
     pub(super) fn viewer_path(&self, record: &Record) -> Option<String> {
         let page = self.pictures.linked(record)?.with_extension("html");
         page.is_file().then(|| self.link(&page))?
     }
 
-    /// Links to the full source and target. The link to the target leads to the picture kept by the method `target`, or
-    /// to the dataset's photograph if none was kept.
+    /// Links to the full source and target. The target's link leads to the picture that was kept for the method
+    /// `target`, or else to the dataset's photograph.
     pub(super) fn full_views(&self, pair: &PairBoard<'_>) -> [Option<String>; 2] {
         let mut records = pair.by_method.iter().zip(&self.board.methods);
         let itself = records.find(|(_, method)| method.unranked.is_some());
@@ -206,7 +207,8 @@ fn encoded(part: &str) -> String {
     bytes.collect()
 }
 
-/// An SVG that uses the page's colours for paper, ink and grid, so that it follows the page's theme.
+/// The SVG with the page's variables for paper, ink and grid in place of its colours, so that it follows the page's
+/// theme.
 pub(crate) fn themed(svg: &str) -> String {
     let mut out = svg.to_owned();
     for (ink, variable) in [

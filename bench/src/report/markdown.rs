@@ -7,8 +7,8 @@ use super::tables::Table;
 use super::tables::markdown::escape;
 use crate::io::counts::counted;
 
-/// The page as GitHub-flavoured Markdown, without the page's pairs. `tables` replace the page's own; `plots` are titles
-/// and paths of PNGs. Paths are relative to the report, with `/` as separator.
+/// The page's contents as GitHub-flavoured Markdown, without the pairs. Shows `tables` instead of the page's own;
+/// `plots` are titles and paths of PNGs. Paths are relative to the report, with `/` as separator.
 pub fn report(page: &Page<'_>, tables: &[Table], plots: &[(String, String)]) -> String {
     let counts = page.counts.map(|(noun, n)| counted(n, noun)).join(", ");
     let mut out = format!(

@@ -22,7 +22,7 @@ const CITED: [(&str, &str); 6] = [
     ("eth3d", "schops2017multi"),
 ];
 
-/// Keys of [`Manifest::scoring`] that the paragraph mentions, each with the words that start its sentence.
+/// Keys of [`Manifest::scoring`] that the paragraph mentions, each with the start of its sentence.
 const CONVENTIONS: [(&str, &str); 5] = [
     ("prediction", "Predictions"),
     ("target", "Ground truth"),
@@ -99,7 +99,7 @@ fn frames(manifest: &Manifest) -> Vec<String> {
     framed.collect()
 }
 
-/// States the number of pairs of each dataset, and the list that they are from.
+/// States the number of pairs of each dataset, and the list that the pairs are from.
 fn datasets(manifest: &Manifest, records: &[Record]) -> String {
     let named = manifest.datasets.iter().map(|dataset| {
         let of_dataset = records
@@ -222,8 +222,7 @@ fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
     sentences
 }
 
-/// The choices that are known to differ from the paper's, and the choices that the paper leaves
-/// open.
+/// States the choices that are known to differ from the paper's, and the choices that the paper leaves open.
 fn deviations(manifest: &Manifest, records: &[Record]) -> String {
     let of_datasets = |choices: &dyn Fn(&DatasetRecord) -> Vec<String>| {
         let datasets = manifest.datasets.iter().filter_map(|dataset| {

@@ -40,7 +40,8 @@ impl MethodsText {
         Self::of(vec![before], &infos, Vec::new())
     }
 
-    /// Describes metrics between other sentences of LaTeX, which may cite entries of `citations.bib`.
+    /// Describes metrics as one paragraph of LaTeX, between the sentences `before` and `after`, which may cite entries
+    /// of `citations.bib`.
     pub fn of(before: Vec<String>, infos: &[MetricInfo], after: Vec<String>) -> Self {
         let sentences = before.into_iter().chain(infos.iter().map(sentence));
         let sentences: Vec<String> = sentences.chain(after).collect();
@@ -67,7 +68,7 @@ impl MethodsText {
     /// Writes `methods.tex`, for `\\input`, and `methods.bib`.
     ///
     /// # Errors
-    /// If a file cannot be written, or exists and was not written by this program; then none is written.
+    /// If a file cannot be written, or exists and was not written by this program; then neither is written.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, FileError> {
         let tex = format!("{MARK}; references: methods.bib\n{}\n", self.latex);
         let bib = format!("{MARK}\n\n{}", self.bibtex);
@@ -76,8 +77,8 @@ impl MethodsText {
     }
 }
 
-/// The metric's sentence from `metrics --explain`, with its network and the hash of the weights, but without the list
-/// of equivalent code.
+/// The metric's sentence from `metrics --explain`, with its network and the hash of the weights, but without the public
+/// code that computes the same values.
 fn sentence(info: &MetricInfo) -> String {
     const COMPARED: [&str; 3] = ["Same as", "Not the same as", "With VGG16 the same as"];
     let name = match info.family {
@@ -101,7 +102,7 @@ fn sentence(info: &MetricInfo) -> String {
     format!("{name} (\\texttt{{{}}}): {said}.{weights}", info.key)
 }
 
-/// The network's weights by hash. If they are torchvision's features, they are given by torchvision's file name.
+/// Names the network's weights by their hash. Torchvision's features are named by torchvision's file.
 fn backbone(info: &MetricInfo) -> String {
     let known = info.backbone.as_ref();
     let known = known.and_then(|b| Some((b, b.features_sha256.as_deref()?)));
@@ -126,7 +127,7 @@ fn backbone(info: &MetricInfo) -> String {
     format!("{name}{file}, sha256 of the features \\texttt{{{features}}}")
 }
 
-/// The first digits of a hash. Other characters are dropped, because a file may state any text as its hash.
+/// The first digits of a hash. Drops other characters, because files may state any text as their hash.
 pub(crate) fn short(hash: &str) -> String {
     let digits = hash.chars().filter(char::is_ascii_hexdigit);
     digits.take(DIGITS).collect()

@@ -8,13 +8,13 @@
 //!   mean, spread and coverage of a cell; [`facts`]: how the numbers were computed.
 //! * [`tables`]: tables in the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
 //! * [`paper`]: the paper's published numbers next to ours, never ranked with ours; [`explain`]: why the two differ.
-//! * [`plots`]: baseline against metric, histogram of baselines; SVG, PNG and PDF.
+//! * [`plots`]: metric against baseline, histogram of baselines; SVG, PNG and PDF.
 //! * [`pictures`]: pictures of records; [`error_map`]: prediction errors in false colour; [`view_maps`]: mask, depth
-//!   and coverage; [`gallery`]: the pairs shown on the page; `choice`: selects pairs if it cannot show all.
+//!   and coverage; [`gallery`]: the pairs shown on the page; `choice`: selects them if the page cannot show all.
 //! * [`sweep`]: scores against camera motion, as a study; [`figures`]: the other figures of a paper.
 //! * [`speed`]: run time and compute; [`mod@methods_text`]: a paragraph for a paper on how the numbers were computed;
 //!   [`metrics_text`]: sentences on the metrics.
-//! * [`html`]: the page; `page_data`: the data for its script; [`markdown`]: the page as text.
+//! * [`html`]: the page; `page_data`: the data for its script; [`markdown`]: the page's contents as Markdown.
 
 pub mod board;
 mod choice;

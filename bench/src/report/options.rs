@@ -28,9 +28,9 @@ pub struct ReportOptions {
     /// publishing them.
     pub public: bool,
     pub published: PublishedNumbers,
-    /// Uncertainty shown as ± after a mean. By default, [`Uncertainty::Ci95`] on the page and none elsewhere.
+    /// Uncertainty shown as ± after a mean; `None` shows [`Uncertainty::Ci95`] on the page and nothing elsewhere.
     pub uncertainty: Option<Uncertainty>,
-    /// What the report shows in addition if it compares two runs.
+    /// What the report adds if it compares two runs.
     pub comparison: Option<ReportComparison>,
 }
 
@@ -51,7 +51,7 @@ impl Layout {
                 bytes: 12 << 20,
                 side: 960,
             },
-            // Leaves room for tables, plots and the page itself below 200 MB.
+            // Leaves room for tables, plots and the page itself in a total of 200 MB.
             Self::Folder => PictureBudget {
                 bytes: 180_000_000,
                 side: 480,
@@ -77,9 +77,9 @@ pub struct ReportComparison {
     /// Labels `[A, B]` of the compared methods.
     pub against: Vec<[String; 2]>,
     pub grids: Vec<TextGrid>,
-    /// Tables of differences, divided by parts of the data.
+    /// Tables of differences by parts of the data, such as scenes.
     pub details: Vec<TextGrid>,
-    /// How much worse B is, keyed by pair id, then by column key; used to select and sort pairs.
+    /// By how much B is worse than A, keyed by pair id, then by column key; for selecting and sorting pairs.
     pub losses: BTreeMap<String, BTreeMap<String, f64>>,
     /// Additional files, keyed by name.
     pub files: Vec<(String, Vec<u8>)>,

@@ -1,4 +1,4 @@
-//! Data of the pairs, from which the page's script builds the visible cards.
+//! Data of the pairs, from which the page's script builds the cards that are in view.
 
 use serde_json::{Value, json};
 
@@ -31,12 +31,12 @@ pub(super) fn json(page: &Page<'_>) -> String {
         "heads": Column::heads(page.metrics),
         "keys": page.metrics.iter().map(|metric| &metric.key).collect::<Vec<_>>(),
     });
-    // Serialise pair by pair: a JSON tree of all pairs would take many times as much memory as the
-    // text.
+    // Serialise pair by pair, because a JSON tree of all pairs would take many times as much memory
+    // as the text.
     let pairs = page.gallery.pairs.iter();
     let pairs = pairs.map(|pair| without_tags(&pair_data(page, pair)));
     let mut text = without_tags(&shared);
-    // Reopen the object to append to it.
+    // Remove the closing brace, in order to append to the object.
     text.pop();
     text += ",\"pairs\":[";
     for (at, pair) in pairs.enumerate() {
@@ -86,7 +86,7 @@ fn pair_data(page: &Page<'_>, shown: &GalleryPair<'_>) -> Value {
     })
 }
 
-/// For each kind, `[address, width, height]`, or the reason why the picture is missing.
+/// Maps each kind to `[address, width, height]`, or to the reason why the picture is missing.
 fn pictures(page: &Page<'_>, pictures: &Pictures) -> Value {
     let address = |picture: &Thumbnail| match page.gallery.layout {
         Layout::File => picture.address(),
@@ -132,7 +132,8 @@ fn facts_of(facts: &Record) -> Vec<String> {
     facts.into_iter().flatten().collect()
 }
 
-/// How much worse method B is on a pair, for each metric; `None` if the page is not a comparison.
+/// By how much method B is worse on a pair, for each metric; `None` if the page is not a
+/// comparison.
 fn losses(page: &Page<'_>, facts: &Record) -> Option<Vec<Option<f64>>> {
     let of_pair = page
         .options

@@ -24,20 +24,20 @@ use crate::io::view_hashes::lock;
 
 use super::error::MissingPicture;
 
-/// Pictures of records, 8-bit sRGB: sources and targets from the datasets, predictions from the run folder. A kept file
-/// that differs from the picture that was scored is left out and [listed](Self::not_scored).
+/// Pictures of records, 8-bit sRGB: sources and targets from the datasets, predictions from the run folder. If a kept
+/// file differs from the picture that was scored, it is left out and [listed](Self::not_scored).
 pub struct ReportPictures<'a> {
     results: &'a Results,
     /// Scenes by dataset and id.
     scenes: BTreeMap<(&'a str, &'a str), &'a Scene>,
-    /// In a public report, the datasets whose pictures are withheld; `None` otherwise. A public
-    /// report also shows no paths.
+    /// The datasets whose pictures a public report withholds; `None` if the report is not public. A public report also
+    /// shows no paths.
     withheld: Option<BTreeSet<String>>,
     /// Kept pictures, keyed by pair and method, so that each file is hashed once.
     kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
     not_scored: Mutex<BTreeSet<PathBuf>>,
-    /// Cache of photographs, keyed by the address of their view, because a view is in many pairs. Nothing is added once
-    /// the cache is full.
+    /// Cache of photographs, because many pairs share a view; keyed by the view's address. Once the cache is full,
+    /// nothing is added.
     photographs: Mutex<BTreeMap<usize, RgbImage>>,
 }
 
@@ -59,7 +59,7 @@ impl<'a> ReportPictures<'a> {
         }
     }
 
-    /// For a public report: withholds the pictures of the datasets in `withheld`, every link to a file, and the
+    /// Makes the report public: withholds the pictures of the datasets in `withheld`, all links to files, and the
     /// folders in messages.
     pub(super) fn public(self, withheld: BTreeSet<String>) -> Self {
         Self {
@@ -90,10 +90,10 @@ impl<'a> ReportPictures<'a> {
         })
     }
 
-    /// A view of a record's scene.
+    /// A view of a record's scene, by id.
     ///
     /// # Errors
-    /// If its pictures are withheld or the dataset is not available.
+    /// If the dataset is not available, or its pictures are withheld.
     pub(crate) fn view(&self, record: &Record, id: &str) -> Result<&'a View, MissingPicture> {
         self.check_terms(record)?;
         let of = (record.dataset.as_str(), record.scene.as_str());
@@ -160,7 +160,7 @@ impl<'a> ReportPictures<'a> {
         }
     }
 
-    /// The kept file of a prediction. If the prediction is a crop, so is the file.
+    /// The file kept for a prediction. For a cropped prediction, it contains only the crop.
     ///
     /// # Errors
     /// If the file was not kept, or its picture differs from the one that was scored.
@@ -198,7 +198,7 @@ impl<'a> ReportPictures<'a> {
         Ok(whole)
     }
 
-    /// File of the rendering behind a prediction, if it was kept as floats.
+    /// File of the floating-point rendering behind a prediction; `None` if it was not kept.
     fn rendering(&self, record: &Record) -> Result<Option<PathBuf>, MissingPicture> {
         self.check_terms(record)?;
         match self.results.kept_rendering(record) {
@@ -243,8 +243,7 @@ impl<'a> ReportPictures<'a> {
             .filter(|_| self.withheld.is_none())
     }
 
-    /// Links to the files of [`Self::source`] and [`Self::target`]. A link is given only if the file's pixels are those
-    /// shown.
+    /// Links to the files of [`Self::source`] and [`Self::target`]; `None` if the file's pixels are not those shown.
     pub(super) fn linked_photographs(&self, record: &Record) -> [Option<PathBuf>; 2] {
         [&record.source, &record.target].map(|id| {
             let content = &self.view(record, id).ok()?.content;
@@ -256,8 +255,8 @@ impl<'a> ReportPictures<'a> {
     }
 }
 
-/// Opens the scenes of results for their pictures. If a dataset is not available, warns; the report then omits its
-/// pictures.
+/// Opens the scenes of results for their pictures. Warns about datasets that are not available; the report then omits
+/// their pictures.
 pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     let mut scenes = Vec::new();
     for dataset in &manifest.datasets {
@@ -309,8 +308,8 @@ impl Thumbnail {
     }
 }
 
-/// The size with the same aspect ratio whose longer side is at most `side` pixels. It is never larger than the
-/// original, and each side is at least one pixel.
+/// The size with the same aspect ratio, not larger than the original, whose longer side is at most `side` pixels. Each
+/// side is at least one pixel.
 pub fn fitted((width, height): (u32, u32), side: u32) -> (u32, u32) {
     let longest = width.max(height);
     if longest <= side || longest == 0 {

@@ -1,5 +1,5 @@
-//! Writes the figures of a report as files. Also makes two plots of the pairs' baselines, each with one panel per
-//! dataset: their histogram, and a metric against the baseline as in the paper's motion-range figure.
+//! Writes the figures of a report as files. Also makes plots with one panel per dataset: the histogram of the pairs'
+//! baselines, a metric against the baseline as in the paper's motion-range figure, and a metric by scene.
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,7 @@ use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure};
 use sharp_plots::style::FigureStyle;
 use sharp_plots::text::{Weight, width};
 
-/// Identifies every file of a figure as written by this program, so that a later figure may overwrite it.
+/// Marks a figure's files as written by this program, so that a later figure may overwrite them.
 pub const MARK: &str = "sharp-bench";
 
 /// Extensions of a figure's files.
@@ -81,7 +81,7 @@ impl Baselines {
     }
 }
 
-/// Plots the histogram of baselines. If a style is given, it is made for print. `None` if no dataset has a pair.
+/// Plots the histogram of baselines, for print if a style is given. `None` if no dataset has a pair.
 ///
 /// # Errors
 /// If the drawing library fails.
@@ -131,8 +131,9 @@ pub fn histogram(
     figure(&title, caption, &[], &panels, print).map(Some)
 }
 
-/// Plots a metric against the baseline: a line for the mean of each bin, shaded by the sample standard deviation (of
-/// two or more samples). Line and shade have gaps at empty bins. `None` if no method has a score of this metric.
+/// Plots a metric against the baseline: a line through the means of the bins, shaded by the sample standard deviation
+/// where a bin has at least two samples. Line and shade are interrupted at empty bins. `None` if no method has a score
+/// of this metric.
 ///
 /// # Errors
 /// If the drawing library fails.
@@ -206,8 +207,8 @@ pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figur
     figure(&title, &caption, &legend, &panels, None).map(Some)
 }
 
-/// Plots the scenes' means of a metric, one column of points per method, with the mean over all scenes and its 95 %
-/// interval as a cross. `None` if no method has scores of two scenes of a dataset.
+/// Plots a metric's means over scenes: per method, a column of points and a cross for the mean over all scenes with its
+/// 95 % interval. `None` if no method has scores of two scenes of a dataset.
 ///
 /// # Errors
 /// If the drawing library fails.
@@ -239,7 +240,7 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
             let draw = move |surface: &mut Surface, area: &PlotArea| {
                 let labels = || methods.iter().map(|m| board.methods[*m].label.as_str());
                 let room = 0.8 * (area.x.place(1.0) - area.x.place(0.0));
-                // If a name is too wide, only the legend names the methods.
+                // If a name does not fit below its column, only the legend names the methods.
                 if labels().all(|label| width(label, NAME_SIZE, Weight::Regular) < room) {
                     for (place, label) in labels().enumerate() {
                         let at = (area.x.place(place as f64), area.y.from + 17.0);
@@ -251,7 +252,8 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
                     let place = place.unwrap_or_default() as f64;
                     let style = style(*method);
                     for (i, value) in cell.scenes.iter().enumerate() {
-                        // Spread sideways by the golden ratio, so that neighbouring points do not hide each other.
+                        // Multiples of the golden ratio spread the points sideways, so that neighbours do not hide each
+                        // other.
                         let aside = (0.618 * i as f64).fract() - 0.5;
                         let at = (area.x.place(place + 0.5 * aside), area.y.place(*value));
                         surface.disc(at, 2.2, style.ink);
@@ -260,7 +262,8 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
                         continue;
                     };
                     let reach = spread.of(Uncertainty::Ci95);
-                    // Clamp, because intervals over few scenes are so long that the points would shrink to a line.
+                    // Clamp to the axis. Intervals over few scenes are so long that an axis with room for them would
+                    // flatten the points.
                     let ends = [mean - reach, mean + reach].map(|end| end.clamp(y.low, y.high));
                     let line = |from: (f64, f64), to: (f64, f64)| {
                         [from, to].map(|(x, value)| (area.x.place(x), area.y.place(value)))

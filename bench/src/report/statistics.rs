@@ -15,11 +15,10 @@ pub struct CellStatistics {
     pub n: usize,
     /// Number of pairs in the dataset.
     pub total: usize,
-    /// Mean over the pairs with a score, in the order of their ids, under the dataset's
-    /// [`Aggregation`](crate::evaluate::Aggregation). Infinite if any of the scores is.
+    /// Mean over the pairs with a score, in the order of their ids, by the dataset's
+    /// [`Aggregation`](crate::evaluate::Aggregation). Infinite if a score is; `None` if there are no scores.
     pub mean: Option<f64>,
-    /// Sample standard deviation over pairs (divisor n − 1). `None` if there are fewer than two scores or one is
-    /// infinite.
+    /// Sample standard deviation over pairs (divisor n − 1). `None` for fewer than two scores or an infinite one.
     pub std: Option<f64>,
     /// Mean of each physical scene, in the order of their names.
     pub scenes: Vec<f64>,
@@ -28,16 +27,15 @@ pub struct CellStatistics {
     pub infinite: usize,
     /// Mean over the finite scores; `None` if there are none.
     pub finite_mean: Option<f64>,
-    /// Reasons for failed predictions with their counts, in the order encountered.
+    /// Reasons for failed predictions with their counts, in the order of their first occurrence.
     pub failures: Vec<(String, usize)>,
-    /// Reasons for scores that are missing although the prediction succeeded, with their counts, in the order
-    /// encountered.
+    /// Reasons for missing scores of successful predictions, with their counts, in the order of their first occurrence.
     pub absences: Vec<(String, usize)>,
-    /// For each pair with a score, its index in the dataset.
+    /// Indices, in the dataset, of the pairs with a score.
     pub scored: Vec<usize>,
 }
 
-/// Uncertainty shown as ± after a mean. The sample consists of scenes, as in a comparison.
+/// Uncertainty shown as ± after a mean. Scenes are the sampling units, as in a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Uncertainty {
     /// Standard deviation of the scenes' means
@@ -58,7 +56,7 @@ impl Uncertainty {
         }
     }
 
-    /// The sentence below a table.
+    /// The sentence that explains the uncertainty below a table.
     pub fn sentence(self) -> &'static str {
         match self {
             Self::Sd => {
@@ -95,8 +93,8 @@ impl Spread {
         }
     }
 
-    /// `units` are the values whose unweighted mean is taken, each with its scene; `scenes` are the scenes' means.
-    /// `None` if there are fewer than two scenes or a value is not finite.
+    /// Computes the spread of the unweighted mean of `units`, each given with its scene; `scenes` are the scenes'
+    /// means. `None` if there are fewer than two scenes or a value is not finite.
     fn new(units: &[(&str, f64)], scenes: &[f64]) -> Option<Self> {
         let sd = sample_std(scenes)?;
         let clusters = Clusters::new(units.iter().map(|(scene, value)| (*scene, [0.0, *value])));

@@ -44,8 +44,8 @@ pub fn inverse_depth(depth: &DepthMap, side: u32) -> RgbImage {
         .zip(end(1.0 - CUT_SHARE))
         .unwrap_or((0.0, 1.0));
     let is_known = |x, y| depth.get_pixel(x, y).0[0] > 0.0;
-    // Sparse maps may have depth in only one pixel of twenty, so a reduced pixel is coloured if any of its pixels has
-    // depth.
+    // Colour a reduced pixel if any pixel that it covers has depth, because sparse maps may have depth in only one
+    // pixel of twenty.
     averaged(inverse, is_known, f32::MIN_POSITIVE, side, |value| {
         let share = if most > least {
             (value - least) / (most - least)

@@ -42,13 +42,13 @@ pub struct ReportFiles {
     pub not_scored: Vec<PathBuf>,
 }
 
-/// Lists a report's files, so that the next report can remove obsolete ones.
+/// List of a report's files, by which the next report finds obsolete ones.
 const LIST: &str = "files.txt";
 
 const PAGE: &str = "index.html";
 const MARKDOWN: &str = "report.md";
 
-/// Identifies our pages, of any version.
+/// Text by which pages of any version of this program are recognised.
 const MARK: &str = "<p class=\"eyebrow\">sharp-bench report</p>";
 
 /// Subfolders of a report.
@@ -56,8 +56,8 @@ const FOLDERS: [&str; 3] = ["tables", "plots", THUMBNAILS];
 
 /// Writes the report of some results: `index.html`, `report.md`, `tables/*.{md,csv,tex}`, `plots/*.{svg,png}`, and
 /// `thumbs/*.jpg` if the page does not embed its pictures. `files.txt` lists these files. Source and target pictures
-/// are read from `scenes`. Each file is written atomically. Obsolete files of an earlier report are removed; other
-/// files are kept.
+/// are read from `scenes`. Each file is written atomically. Removes files of an earlier report that the new one does
+/// not have; keeps all other files.
 ///
 /// # Errors
 /// If the folder is neither empty nor a report, the results contradict each other, or a file cannot be written.
@@ -150,7 +150,7 @@ pub fn report(
     files.push((MARKDOWN.into(), text.into_bytes()));
     files.push((PAGE.into(), page.render()?.into_bytes()));
     for (name, bytes) in &mut files {
-        // Escape characters that the reader's program would interpret.
+        // Escape characters that a viewer of the file could interpret as commands.
         if !name.ends_with(".png")
             && let Ok(text) = str::from_utf8(bytes)
             && let Cow::Owned(harmless) = visible(text)
@@ -173,7 +173,7 @@ pub fn report(
     write_atomic(&list, lines.as_bytes())?;
     let all = names.iter().map(|name| out.join(name));
     let mut all: Vec<PathBuf> = all.chain([list]).collect();
-    // Write the page last, after everything that it loads.
+    // Write the page last, when everything that it loads exists.
     thumbnails
         .par_iter()
         .try_for_each(|(name, jpeg)| write_replaceable(&out.join(name), jpeg))?;
@@ -190,7 +190,7 @@ pub fn report(
     })
 }
 
-/// A copy of the results for publishing: reasons name no folders of this machine, and datasets have no paths.
+/// A copy of the results for publishing, without folders of this machine in reasons, and without paths of datasets.
 fn without_paths(results: &Results) -> Results {
     let mut results = results.clone();
     for record in &mut results.records {
@@ -248,7 +248,7 @@ fn with_uncertainty(tables: &[Table], uncertainty: Option<Uncertainty>) -> Vec<T
         .collect()
 }
 
-/// The metrics to show, and their tables. The first table has a remark on why other metrics are not shown.
+/// The metrics to show, and their tables. A remark in the first table says why other metrics are not shown.
 fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Table>) {
     let (metrics, remark) = remarks::scored(records, &board.metrics);
     let mut tables = build::of_scores(board, &metrics);
@@ -264,8 +264,8 @@ fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Tabl
 }
 
 /// Fails if the folder is neither empty nor a report, or if a subfolder of the report is a link. A report is recognised
-/// by our mark in its page or, before the page is written, by a list of files that names the page. Dot files are
-/// ignored.
+/// by the mark in its page or, if the page was not written yet, by a list of files that names the page. Ignores files
+/// whose names begin with a dot.
 fn check_folder(out: &Path) -> Result<(), FileError> {
     let refused = |path: &Path, reason: &str| {
         let reason = format!("{reason}; choose another folder with --out");

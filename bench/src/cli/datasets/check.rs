@@ -59,7 +59,7 @@ fn report_text(report: &DatasetReport) -> String {
     )
 }
 
-/// Describes how well neighbouring views agree: as the dataset is read, and under the best of the other camera
+/// Describes how well neighbouring views agree under the dataset's camera convention, and under the best of the other
 /// conventions.
 fn poses(found: &Consistency) -> String {
     let levels = |fit: &Fit| match fit.colour_levels {

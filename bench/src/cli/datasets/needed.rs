@@ -101,7 +101,7 @@ fn needed(list: &PairList, name: &str, spec: Option<&DatasetSpec>) -> Needed {
                 .into_iter()
                 .filter_map(|file| of_split(file, split));
             match found.get(&(pair.scene.as_str(), view.as_str())) {
-                // The reader knows all files of the view, so only the list files are taken from the layout.
+                // The reader knows all files that the view needs, so only the list files are taken from the layout.
                 Some(view) => {
                     let folder = root.as_deref().unwrap_or(Path::new(""));
                     files.extend(view.required_files(folder));
@@ -123,7 +123,7 @@ fn needed(list: &PairList, name: &str, spec: Option<&DatasetSpec>) -> Needed {
         })
         .collect();
     let lacking = |listed: &&Listed| {
-        // Masks may be missing, and lists are not needed once the pairs are known.
+        // Masks are optional, and lists of views are not needed once the pairs are known.
         let counts = !matches!(listed.file.role, FileRole::Mask | FileRole::List);
         counts && listed.present == Some(false)
     };
@@ -137,8 +137,8 @@ fn needed(list: &PairList, name: &str, spec: Option<&DatasetSpec>) -> Needed {
     }
 }
 
-/// The folder that the file names in a list are relative to: the dataset's folder, or the parent folder if the dataset
-/// is a file.
+/// The folder to which listed file names are relative: the dataset's folder, or the parent folder if the dataset is a
+/// file.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if path.is_file() => folder.to_owned(),
@@ -146,11 +146,11 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// The views that the reader finds, keyed by scene and view. Each has the depth and masks that a `transforms.json`
-/// lists or that are named like its picture.
+/// The views that the reader finds, keyed by scene and view. A view's depth and masks are those listed in a
+/// `transforms.json`, or named like its picture.
 ///
-/// Empty for an incomplete dataset, which cannot be opened yet. Stereo pairs are left out: the files that they need are
-/// all known from the dataset's layout.
+/// Empty for an incomplete dataset, which cannot be opened yet. Leaves out stereo pairs, because the dataset's layout
+/// determines all files that they need.
 fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     let multi_view = scenes
         .iter()
@@ -162,8 +162,8 @@ fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     views.collect()
 }
 
-/// Replaces ScanNet++'s list files with the one for the requested split. `None` if the split is the whole dataset,
-/// which needs no list.
+/// Replaces a list file of ScanNet++ with the list file of the requested split; other files are returned unchanged.
+/// `None` if the split is the whole dataset, which needs no list file.
 fn of_split(mut file: RequiredFile, split: Option<&str>) -> Option<RequiredFile> {
     if let (FileRole::List, Some(split)) = (file.role, split)
         && file.path.starts_with("splits/")

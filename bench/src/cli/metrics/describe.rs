@@ -57,7 +57,8 @@ pub(in crate::cli) fn methods_text(text: &MethodsText, json: bool) -> anyhow::Re
         json,
         || json!({"latex": latex, "bibtex": bibtex}),
         || {
-            // As comments, so that all of it can be pasted into a document.
+            // Print BibTeX as comments, so that the whole output can be pasted into a LaTeX
+            // document.
             let lines = bibtex
                 .lines()
                 .map(|line| format!("% {line}").trim_end().to_owned() + "\n");

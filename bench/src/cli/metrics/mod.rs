@@ -157,7 +157,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         bail!("give PREDICTION and TARGET");
     };
     let inputs = inputs::pairs(prediction, target, args.mask.as_deref(), args.match_by)?;
-    // Check before hours of work, not after.
+    // Fail before hours of work if the outputs cannot be written.
     for folder in [args.maps.as_deref(), args.csv.as_deref().map(folder_of)] {
         folder.map_or(Ok(()), check_writable)?;
     }
@@ -193,8 +193,8 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Warnings about all pairs together, one sentence each. `order` says with which other targets some predictions are
-/// compared.
+/// Warnings that follow from all pairs together, one sentence each. For some predictions, `order` lists the other
+/// targets to compare with.
 fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>>) -> Vec<String> {
     let changed = |group: &PictureGroup<'_, usize>| {
         let pictures = group.pictures.iter().map(|at| &scored[*at]);

@@ -27,9 +27,9 @@ pub(super) struct Scored {
     pub(super) mask: Option<PathBuf>,
     /// Notes on how the pictures were read, one sentence each.
     pub(super) notes: Vec<String>,
-    /// Share of the pixels that the mask leaves; 1 without a mask.
+    /// Share of the pixels that the mask includes; 1 without a mask.
     pub(super) left: f64,
-    /// Share of the mask's pixels that are neither black nor white; `None` if there are none.
+    /// Share of the mask's pixels that are neither black nor white; `None` if all are black or white.
     pub(super) grey: Option<f64>,
     /// Whether the prediction is a JPEG file.
     pub(super) is_jpeg: bool,
@@ -37,7 +37,7 @@ pub(super) struct Scored {
     pub(super) pixels: [u64; 2],
     /// How the prediction was probably altered.
     pub(super) change: Option<PictureChange>,
-    /// Prediction and target, reduced, if they are compared with others.
+    /// Prediction and target, reduced; `None` if the pair is not compared with other pairs.
     pub(super) small: Option<[RgbImage; 2]>,
     /// Width and height of the prediction before resizing; `None` if not resized.
     pub(super) resized_from: Option<(u32, u32)>,
@@ -51,8 +51,7 @@ pub(super) struct Scored {
     pub(super) maps: Vec<(String, MapFiles, ColourScale)>,
 }
 
-/// Reads and scores a pair, and writes its maps. With `compared`, keeps the reduced pictures of the pair for comparison
-/// with other pairs.
+/// Reads and scores a pair, and writes its maps. If `compared`, keeps reduced pictures for comparison with other pairs.
 pub(super) fn score(
     scorer: &Scorer,
     selection: &Selection,
@@ -147,7 +146,7 @@ pub(super) fn score(
     })
 }
 
-/// The picture with 256 levels, in which changes are sought.
+/// The picture as 8 bit, for detecting changes.
 fn eight_bit(picture: &Picture) -> Cow<'_, RgbImage> {
     match picture {
         Picture::Rgb8(image) => Cow::Borrowed(image),
@@ -201,7 +200,7 @@ fn maps(
     let size = target.dimensions();
     let mut maps = vec![LocalMap::difference(prediction, target)];
     for (key, map) in &examined.maps {
-        // If a map is missing, the reason is among the scores.
+        // If a map is missing, the scores already state the reason.
         if let Ok(map) = map {
             maps.push(LocalMap::of_metric(*key, map, size));
         }

@@ -127,14 +127,14 @@ impl ScoredPairs<'_> {
         value
     }
 
-    /// The metrics whose value (or mean over the pairs) prints as the sought number.
+    /// The metrics whose value, or mean over several pairs, prints as the number `sought`.
     fn found(&self, sought: &Sought) -> Vec<(MetricKey, f64)> {
         self.means()
             .filter(|(_, value)| sought.matches(*value))
             .collect()
     }
 
-    /// For each variant, the mean over the pairs; only variants that every pair has.
+    /// The variants that every pair has, each with its mean over the pairs.
     fn other_means(&self) -> Vec<OtherForm> {
         let first = self.scored.first().map_or(&[][..], |pair| &pair.others);
         let mean = |form: &OtherForm| {
@@ -224,7 +224,7 @@ impl ScoredPairs<'_> {
             "{} matches none of the selected metrics and none of their known variants",
             sought.text
         )?;
-        // Only compare numbers of the same kind.
+        // Find the nearest value per family of metrics, because values of different families are not comparable.
         let own = self
             .means()
             .map(|(key, value)| (key.family(), key.to_string(), value));

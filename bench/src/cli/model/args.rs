@@ -97,7 +97,8 @@ impl PhotoArgs {
         self.load_unless_estimated(path, |_| false)
     }
 
-    /// Like [`Self::load`], but omits warnings about the focal length of photographs for which `is_estimated` is true.
+    /// Like [`Self::load`], but without warnings about the focal length of photographs for which `is_estimated` is
+    /// true.
     pub(crate) fn load_unless_estimated(
         &self,
         path: &Path,

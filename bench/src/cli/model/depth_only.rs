@@ -47,8 +47,8 @@ pub(super) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Whether the network has to estimate the focal length, because neither the user nor a 35 mm equivalent in the file
-/// states it.
+/// Whether the network has to estimate the focal length, because neither the user nor a 35 mm equivalent in the
+/// photograph's EXIF tags states it.
 fn is_estimated(photo: &Photo) -> bool {
     matches!(
         photo.focal_source,

@@ -94,7 +94,8 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
             }
             let made_for = MarkedRule::of(&scene.marks);
             if given.color_space.is_some() {
-                // Only a file from SHARP needs a given colour space, so mark the result as SHARP's.
+                // Only SHARP's files need --color-space, so the user takes this file for one of them: mark the result
+                // as SHARP's.
                 scene.marks.generator = Some(Generator::Sharp);
             }
             if to == TargetForm::Release {
@@ -120,8 +121,8 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                         "states no rule".to_owned()
                     }
                 };
-                // SHARP's rule blends linear light, but the new file cannot state that its colours are encoded, so the
-                // user must.
+                // SHARP's rule blends linear light. The new file cannot state that its colours are encoded, so the user
+                // must set this.
                 let colors = if made_for.rule == Rule::SHARP {
                     ",color_space=srgb"
                 } else {
@@ -222,8 +223,7 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
     let (x, y, depth) = (along(0), along(1), along(2));
     let opacity = Distribution::of(opacities.iter().copied());
     let scale = Distribution::of(scales.iter().flatten().copied());
-    // Share of the Gaussians behind the camera. If it is large, the axes or the coordinate system were probably
-    // misread.
+    // A large share of Gaussians behind the camera indicates that axes or coordinate system were misread.
     let behind = means.iter().filter(|m| m[2] <= 0.0).count() as f64 / n.max(1) as f64;
     let median = depth.as_ref().map(|depth| depth.quantiles[3]);
     // Evidence that the file is not in camera space with OpenCV axes and metres.
@@ -369,7 +369,7 @@ fn marks_in_words(marks: &FileMarks) -> Vec<&'static str> {
 }
 
 fn info(ply: &Path, given: &ReadingArgs, as_json: bool) -> anyhow::Result<Outcome> {
-    // The blending space does not affect the output, so read in the one that accepts every file.
+    // The blending space does not affect the output, so choose the one with which every file can be read.
     let reading = StoredForm {
         blending: ColorSpace::Srgb,
         ..given.reading()

@@ -89,7 +89,7 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
     }
 }
 
-/// The Gaussians to compare with, and the photograph's camera.
+/// The Gaussians with which to compare --port, and the photograph's camera.
 fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
     match (&args.against, &args.image) {
         (Some(path), _) => {
@@ -123,13 +123,13 @@ struct PortParity {
     rendered_psnr: Option<f64>,
     #[serde(skip)]
     psnr: f64,
-    /// Number of Gaussians of the port and of the reference.
+    /// Numbers of Gaussians: of the port, and of the reference.
     #[serde(skip)]
     counts: [usize; 2],
 }
 
 impl PortParity {
-    /// The settings under which the port's Gaussians agree better, `key=value,…`.
+    /// The settings (`key=value,…`) with which to read the port's file for better agreement.
     fn settings(&self) -> String {
         let settings = self.differences.settings.iter();
         let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();

@@ -108,7 +108,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Runs `predict` for each photograph and its output, and prints the results as JSON if requested. An error only if every
+/// Runs `predict` for each photograph with its output, and prints the results as JSON if requested. Fails only if every
 /// photograph fails.
 pub(super) fn for_each(
     args: &PredictArgs,
@@ -120,7 +120,7 @@ pub(super) fn for_each(
     for (image, out) in args.images.iter().zip(outputs) {
         match predict(image, out) {
             Ok(predicted) => results.push(predicted),
-            // A failure affects only this photograph, so continue with the others.
+            // Other photographs may still succeed, so continue.
             Err(error) if args.images.len() > 1 => {
                 failed += 1;
                 output::remark(format!("error: {error:#}"));
@@ -141,7 +141,7 @@ pub(super) fn for_each(
     Ok(Outcome::of_problems(failed > 0))
 }
 
-/// One file per photograph, in `folder`, with the given extension.
+/// Paths in `folder` named after the photographs, with the given extension. Fails if two are equal.
 pub(super) fn named_after(
     images: &[PathBuf],
     folder: &Path,
@@ -149,7 +149,8 @@ pub(super) fn named_after(
 ) -> anyhow::Result<Vec<PathBuf>> {
     let mut outputs = Vec::with_capacity(images.len());
     for image in images {
-        // A folder without a name is rejected when it is read, so any name will do here.
+        // A path without a file name is a folder, which fails later when it is read as a photograph, so any name will
+        // do.
         let mut name = image.file_stem().unwrap_or(image.as_os_str()).to_owned();
         name.push(format!(".{extension}"));
         let file = folder.join(name);
@@ -216,7 +217,7 @@ fn predict_one(
     }))
 }
 
-/// Runs the network under a progress bar, or with a line per part if standard error is not a terminal.
+/// Runs the network with a progress bar, or with a line per part if standard error is not a terminal.
 fn forward(
     predictor: &Predictor,
     photo: &Photo,
@@ -259,7 +260,7 @@ impl StageTimes {
         }
     }
 
-    /// Called at a milestone of a part: adds the time since the last milestone to the part.
+    /// Called whenever a part makes progress: adds the time since the previous call to the part's time.
     fn reached(&mut self, part: &'static str) {
         let now = Instant::now();
         let passed = now.duration_since(self.last_milestone).as_secs_f64();

@@ -99,7 +99,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// How the number of pairs depends on each open choice.
+/// Text on how the number of pairs depends on each open choice.
 fn ambiguity(rows: &[Alternative]) -> String {
     let mut text = String::new();
     let datasets: BTreeSet<&String> = rows

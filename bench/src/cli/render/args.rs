@@ -24,15 +24,14 @@ pub(super) fn depth_range(text: &str) -> Result<[f32; 2], &'static str> {
         .ok_or("expected two numbers: NEAR,FAR in metres, 0 < NEAR < FAR")
 }
 
-/// SHARP's layers to render separately.
+/// Which of SHARP's layers to render separately.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Layers {
     One(usize),
     All,
 }
 
-/// SHARP predicts two layers of Gaussians, one after the other: the visible one, then the hidden
-/// one.
+/// Number of SHARP's layers. A scene contains the Gaussians of the visible layer, then those of the hidden one.
 const LAYERS: usize = 2;
 
 impl FromStr for Layers {
@@ -55,8 +54,8 @@ impl Layers {
         }
     }
 
-    /// One of the `LAYERS` equal parts into which a scene's Gaussians are split in their order; `None` if their number is
-    /// not divisible.
+    /// Layer number `layer`, from 0: one of `LAYERS` equal consecutive parts of the scene's Gaussians. `None` if their
+    /// number is not divisible by `LAYERS`.
     pub(super) fn of(scene: &Gaussians, layer: usize) -> Option<Gaussians> {
         let size = scene.len() / LAYERS;
         scene

@@ -23,7 +23,7 @@ use crate::io::gaussian_files;
 use crate::io::observer::Observer;
 use crate::rendering::BatchRenderer;
 
-/// Everything that can be decided before opening a backend.
+/// Everything about a rendering that is decided before a backend is opened.
 pub(super) struct RenderJob<'a> {
     args: &'a RenderArgs,
     /// Output for pictures, if requested.
@@ -108,7 +108,7 @@ impl<'a> RenderJob<'a> {
             (true, range @ Some(_)) => range,
             (true, None) => Some(
                 DepthRange::seen_from(&scene, &camera_from_scene)
-                    // No Gaussian is in front of the camera, so nothing will be coloured.
+                    // Without a Gaussian in front of the camera, nothing will be coloured, so any range will do.
                     .map_or([1.0, 2.0], |range| [range.near as f32, range.far as f32]),
             ),
         };
@@ -133,7 +133,7 @@ impl<'a> RenderJob<'a> {
         })
     }
 
-    /// Writes the page of `--viewer`.
+    /// Renders the views for the page of `--viewer` and writes it.
     pub(super) fn page(
         &self,
         renderer: &mut BatchRenderer,
@@ -154,7 +154,7 @@ impl<'a> RenderJob<'a> {
         let mut pictures = Vec::with_capacity(chosen.len());
         renderer
             .render::<RenderError>(scene, &chosen, |_, view| {
-                // If there is an `--out`, its views have already been counted.
+                // With `--out`, these views were counted when they were rendered for it.
                 if self.out.is_none() {
                     summary.add(&view);
                 }
@@ -170,7 +170,7 @@ impl<'a> RenderJob<'a> {
         Ok(())
     }
 
-    /// Renders on this thread and writes on another, which is one view behind, so two views are in memory.
+    /// Renders on this thread while another thread writes the previous view, so two views are in memory.
     fn draw(
         &self,
         renderer: &mut BatchRenderer,
@@ -201,7 +201,7 @@ impl<'a> RenderJob<'a> {
             (rendered, written)
         });
         terminal.end();
-        // If writing failed, the rendering error only states that rendering was stopped.
+        // Report a writing error first: the rendering error that it causes only states that rendering was stopped.
         written?;
         rendered.with_context(|| self.args.scene.display().to_string())?;
         view_writer.finish()
@@ -220,8 +220,7 @@ enum Stopped {
 }
 
 impl Output<'_> {
-    /// Checks that the views fit the output: a picture needs a single view, frames or a movie a
-    /// path.
+    /// Fails if the views do not fit the kind of output: a picture needs a single view; frames and movies need a path.
     fn check(&self, args: &RenderArgs, rule: &Rule, moved: Option<usize>) -> anyhow::Result<()> {
         let out = self.path.display();
         match (self.kind, moved) {

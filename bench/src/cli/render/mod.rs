@@ -134,7 +134,7 @@ struct Summary {
     pixels: usize,
     /// Mean over all pixels of all views.
     mean_alpha: f64,
-    /// Number of views; a view rendered for several layers counts once per layer.
+    /// Number of views; rendering a view for several layers counts once per layer.
     views: usize,
     backend: String,
     /// Why `auto` selected this backend; `None` if the user named the backend.
@@ -146,8 +146,8 @@ struct Summary {
 }
 
 impl RenderArgs {
-    /// Whether the written arrays hold values in the rule's blending space, composited over the background. Otherwise,
-    /// they hold linear light without a background.
+    /// Whether written arrays contain colours in the rule's blending space, composited over the background, rather than
+    /// linear light without a background.
     fn writes_blended(&self, rule: &Rule) -> bool {
         self.rule.is_some() || rule.blending == ColorSpace::Srgb
     }

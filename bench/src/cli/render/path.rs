@@ -31,8 +31,8 @@ pub(super) struct PathArgs {
 }
 
 impl PathArgs {
-    /// The transform from the photograph's camera to each frame's camera. `camera_from_scene` places the scene in the
-    /// photograph's camera. `None` if no path is requested.
+    /// For each frame, the transform from the photograph's camera to the frame's camera; `None` if no path is
+    /// requested. `camera_from_scene` maps the scene to the photograph's camera.
     pub(super) fn poses(
         &self,
         scene: &Gaussians,

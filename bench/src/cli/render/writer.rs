@@ -63,7 +63,7 @@ impl Appearance {
         Some(view.inverse_depth_colors(near..=far))
     }
 
-    /// Coverage as grey levels: linear, neither encoded nor composited.
+    /// Coverage as grey levels that are proportional to alpha, neither sRGB-encoded nor composited.
     fn alpha(&self, view: &RenderOutput) -> Option<GrayImage> {
         self.alpha.then(|| {
             GrayImage::from_fn(view.width, view.height, |x, y| {
@@ -73,7 +73,7 @@ impl Appearance {
         })
     }
 
-    /// The files of a view whose colour is written to `path`.
+    /// All files that are written for a view if its colour is written to `path`.
     pub(super) fn files(&self, path: &Path) -> Vec<PathBuf> {
         let mut files = vec![path.to_owned()];
         if self.depth_m.is_some() {
@@ -99,7 +99,7 @@ impl Appearance {
         if let Some(picture) = self.alpha(view) {
             rendering_files::write_gray_png(&path.with_extension("alpha.png"), &picture)?;
         }
-        // Write colour last, so that a frame with a colour file is complete.
+        // Write the colour file last, so that its existence shows that a frame is complete.
         match path.extension().and_then(|e| e.to_str()) {
             Some("exr") => rendering_files::write_exr(path, view)?,
             Some("safetensors") if self.blended => {
@@ -179,7 +179,7 @@ impl ViewWriter {
         }
     }
 
-    /// Finishes movies. Their files appear under the final names only now.
+    /// Finishes movies, whose files appear under their final names only now.
     pub(super) fn finish(self) -> anyhow::Result<()> {
         if let Self::Movies {
             color,

@@ -67,7 +67,7 @@ pub(super) fn execute(
         }
         text
     })?;
-    // A file with SHARP's modules is compared with a network by default.
+    // By default, only files with SHARP's modules are compared with a network.
     let looks_like_sharp = modules
         .keys()
         .any(|name| name.starts_with("monodepth_model"));
@@ -79,7 +79,7 @@ pub(super) fn execute(
         }
         let (name, network) = match config {
             Some(name) => (name.to_owned(), load_config(name)?),
-            // Chosen as in `predict` without a configuration.
+            // Choose the network as `predict` does without a configuration.
             None => {
                 let found = named_network(Some(file), None)?;
                 let notes = found.notes.iter();
@@ -102,7 +102,8 @@ pub(super) fn execute(
     Ok(Outcome::Done)
 }
 
-/// Compares the official checkpoint with its record; `None` for other files.
+/// Compares a file named like the official checkpoint with the record of its first use; `None` for
+/// other files.
 fn standing(file: &Path, sha256: &str) -> anyhow::Result<Option<String>> {
     let official = file.file_name().is_some_and(|name| name == RELEASE_FILE);
     match record_file(RELEASE_FILE).filter(|_| official) {
@@ -113,8 +114,8 @@ fn standing(file: &Path, sha256: &str) -> anyhow::Result<Option<String>> {
     }
 }
 
-/// The part of the network that a tensor belongs to, as the first levels of its name: four in
-/// SHARP's encoder, three in the rest of its depth network, one elsewhere.
+/// The part of the network that a tensor belongs to: the first four levels of its name in SHARP's
+/// encoder, three in the rest of SHARP's depth network, and one elsewhere.
 fn module_of(name: &str) -> String {
     let levels = if name.starts_with("monodepth_model.monodepth_predictor.encoder.") {
         4

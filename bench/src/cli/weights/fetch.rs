@@ -55,7 +55,7 @@ pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Resolves a list of names to backbones and other releases, each listed once.
+/// The backbones and other releases that the names stand for, each once.
 fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, Vec<Release>)> {
     let mut backbones = BTreeSet::new();
     let mut releases = vec![Release::official(), Release::resnet50dilated()];
@@ -75,8 +75,8 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, Vec<Release>)
     Ok((backbones, releases))
 }
 
-/// Downloads a backbone's features into the cache and returns their location. If they are already on this machine, they
-/// are fetched only if the backbone was named explicitly.
+/// Downloads a backbone's features into the cache and describes them. If they are already on this machine, downloads
+/// them only if the backbone was named explicitly.
 fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyhow::Result<Value> {
     let by_name = args.names.iter().any(|name| name == backbone.name());
     let at_hand = Weights::at_hand();
@@ -104,7 +104,7 @@ fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyh
     Ok(json!({ "name": backbone.name(), "file": file }))
 }
 
-/// Finds or fetches a release and compares it with its record.
+/// Finds or downloads a release and compares it with the record of its first use.
 fn published(args: &FetchArgs, release: &Release, cache: &Path) -> anyhow::Result<Value> {
     let is_sharp = matches!(release.network, ReleasedNetwork::Sharp(_));
     let found = if is_sharp {
@@ -141,7 +141,7 @@ fn published(args: &FetchArgs, release: &Release, cache: &Path) -> anyhow::Resul
     }))
 }
 
-/// Downloads a release; SHARP's only after its licence was shown and accepted.
+/// Downloads a release; that of SHARP only if the user has accepted the licence.
 fn transfer(
     args: &FetchArgs,
     release: &Release,

@@ -6,27 +6,27 @@ use sharp_datasets::DepthMap;
 
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 
-/// Rendered depth is taken for inverse depth if rendered / true varies at least this many times as much as
-/// rendered × true, which is constant for inverse depth.
+/// Rendered depth counts as inverse depth if rendered / true varies at least this many times as much as rendered ×
+/// true, which is constant for inverse depth.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
-/// Another unit is suspected only if depths differ by more than this factor. Predictions of unknown scale are off by
+/// Another unit is suspected only if depths differ by more than this factor. Predictions of unknown scale differ by
 /// less.
 const MIN_FACTOR: f64 = 1.5;
 /// Another unit is reported only if the logarithm of the factor exceeds this multiple of the spread of the logarithmic
-/// depth ratios. Prediction errors cause such a spread.
+/// depth ratios, which prediction errors cause.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
-/// Ray lengths are considered only with at least this many pixels.
+/// Minimum number of compared pixels from which depths are tested for being ray lengths.
 const FEWEST_RAYS: usize = 300;
-/// Ray lengths are considered only if the logarithmic depth ratios spread by at least this. In a narrow field of view,
-/// ray lengths hardly differ from depths.
+/// Minimum spread of the logarithmic depth ratios from which depths are tested for being ray lengths. In a narrow field
+/// of view, ray lengths hardly differ from depths.
 const MIN_SPREAD: f64 = 0.01;
 /// Ray lengths are reported only if correcting for them reduces the spread of the logarithmic depth ratios to this
 /// fraction or less.
 const LEFT_BY_RAYS: f64 = 0.4;
 
-/// Warns if the rendered depth seems to have another unit than the true depth, to be inverse depth, or to mix up depth
-/// and ray length, unless prediction errors explain the difference. For another unit, also returns the ratio of
-/// rendered to true depth.
+/// Warns if the rendered depth seems to have another unit than the true depth, to be inverse depth, or to result from
+/// confusing depth with ray length, unless prediction errors explain the difference. For another unit, also returns the
+/// ratio of rendered to true depth.
 pub(super) fn depth_doubt(
     truth: &DepthMap,
     seen: &DepthMap,
@@ -81,7 +81,8 @@ pub(super) fn depth_doubt(
              mistaken for ray lengths",
         ),
     ] {
-        // The full correction must leave less spread than no correction, half of it, and one and a half times as much.
+        // The full correction must leave less spread than no correction, half of the correction, and 1.5 times the
+        // correction.
         let left = |share: f64| Some(middle_and_spread(1.0, share * of_ray)?.1);
         let (half, own, more) = (left(0.5)?, left(1.0)?, left(1.5)?);
         let is_ray = spread >= MIN_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);

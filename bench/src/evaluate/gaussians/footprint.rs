@@ -15,18 +15,18 @@ const MIN_ALPHA: f64 = 1.0 / 255.0;
 /// The projection is linearised up to this distance outside the picture, as a fraction of its sides.
 const MARGIN: f64 = 0.15;
 
-/// [`missing_share`] looks for empty parts in a grid of this many columns and rows.
+/// Numbers of columns and rows of the grid in which [`missing_share`] looks for empty parts.
 const PARTS: (u32, u32) = (8, 6);
 /// A part is empty if at most this share of it is covered.
 const MAX_COVERED: f64 = 0.02;
 /// A part of a file may be missing if at least this share of the picture is empty.
 const MIN_MISSING: f64 = 0.3;
-/// A part of a file may be missing if at least this share of the picture's detail is in empty parts. Skies and plain
+/// A part of a file may be missing if at least this share of the photograph's detail is in empty parts. Skies and plain
 /// backgrounds, where Gaussians may be left out on purpose, have hardly any detail.
 const MIN_DETAIL: f64 = 0.2;
 
-/// The share of a photograph that is empty, given the rendering's `alpha`; `None` unless the share is large and
-/// includes whole parts of the picture that are full of detail.
+/// The share of the picture that is not covered, given the rendering's `alpha`; `None` if it is below [`MIN_MISSING`],
+/// or if empty parts contain less than [`MIN_DETAIL`] of the photograph's detail.
 pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -> Option<f64> {
     let (width, height) = photograph.dimensions();
     let mut parts = [(0.0, 0.0, 0.0); (PARTS.0 * PARTS.1) as usize];
@@ -38,8 +38,8 @@ pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -
         let (pixels, covered, detail) = parts.get_mut(part as usize)?;
         *pixels += 1.0;
         *covered += f64::from(u8::from(is_covered(at)));
-        // A single sharp edge must not be decisive, so steps are limited; the outline of the covered area is not
-        // detail.
+        // Steps are limited, so that a single sharp edge is not decisive. The outline of the covered area does not
+        // count as detail.
         for (right, below) in [(x + 1, y), (x, y + 1)] {
             let next = (below * width + right) as usize;
             if right < width && below < height && is_covered(next) == is_covered(at) {
@@ -62,8 +62,8 @@ pub(in crate::evaluate) fn hole_share(alpha: &[f32]) -> f64 {
     holes as f64 / alpha.len().max(1) as f64
 }
 
-/// The number of 16 × 16 pixel tiles touched by each Gaussian's bounding box, summed over Gaussians, and the number of
-/// tiles in the picture. A box bounds the area in which a Gaussian can reach an alpha of 1/255, under the projection of
+/// The number of 16 × 16 pixel tiles that each Gaussian's bounding box touches, summed over Gaussians, and the number
+/// of tiles in the picture. A Gaussian's box bounds the pixels where its alpha can reach 1/255, under the projection of
 /// SHARP's rule, in f64.
 pub(in crate::evaluate) fn covered_tiles(gaussians: &Gaussians, view: &RenderView) -> (u64, u64) {
     let (width, height) = (view.intrinsics.width, view.intrinsics.height);
@@ -104,8 +104,8 @@ fn reach(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<[(f64, f
     is_finite.then(|| [reach[0], reach[1]])
 }
 
-/// Mean area of the Gaussians in front of the camera, in squared pixels. The area of one is the product of the standard
-/// deviations of its projected ellipse.
+/// Mean area of the Gaussians in front of the camera, in squared pixels. A Gaussian's area is the product of the
+/// standard deviations of its projected ellipse.
 pub(in crate::evaluate) fn mean_area(gaussians: &Gaussians, view: &RenderView) -> f64 {
     let low_pass = f64::from(view.rule.low_pass);
     let all = (0..gaussians.len()).filter_map(|at| projected(gaussians, at, view));
@@ -119,8 +119,8 @@ pub(in crate::evaluate) fn mean_area(gaussians: &Gaussians, view: &RenderView) -
 /// A Gaussian's projection, in pixels.
 struct Projected {
     centre: [f64; 2],
-    /// Rows of the projection's Jacobian along the Gaussian's own axes: how many pixels the projection moves to the
-    /// right, and down, per standard deviation along each axis.
+    /// Rows of the projection's Jacobian in the Gaussian's own axes: how many pixels the projection moves to the right,
+    /// and how many down, per standard deviation along each axis.
     rows: [DVec3; 2],
 }
 

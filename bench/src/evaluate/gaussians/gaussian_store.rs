@@ -10,7 +10,7 @@ use super::prediction_file::{read_prediction, write_prediction};
 use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::methods::{GaussianPrediction, MethodError};
 
-/// Predictions, identified by keys. They are held in memory up to a limit; the others are on disk until the run ends.
+/// Predictions by key. Those that do not fit into the memory limit are on disk until the run ends.
 pub(in crate::evaluate) struct GaussianStore {
     /// Folder for predictions that are kept after the run, if any.
     kept: Option<PathBuf>,
@@ -52,8 +52,8 @@ impl GaussianStore {
         }
     }
 
-    /// The prediction of a key. If it is neither in memory nor on disk, `predict` makes it; without `predict`, the
-    /// result is `None`. The returned time is that of the original prediction.
+    /// The prediction of a key, with the wall time of the original prediction. If it is neither in memory nor on disk,
+    /// `predict` makes it; without `predict`, the result is then `None`.
     pub(in crate::evaluate) fn get(
         &mut self,
         key: &str,

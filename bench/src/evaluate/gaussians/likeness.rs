@@ -12,15 +12,15 @@ const COARSE: (u32, u32) = (16, 12);
 const MIN_BLUR: f64 = 0.4;
 /// Maximum width and height compared, in pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// Another reading is better only if its gain is at least this, in dB. If a file was read correctly, other readings change
-/// the error by only some hundredths of a dB.
+/// Another reading is better only if its gain is at least this, in dB. If a file was read correctly, other readings
+/// change the error by only some hundredths of a dB.
 const MARGIN: f64 = 0.5;
 /// A gain is significant only if it exceeds this many of its standard errors.
 const SIGNIFICANCE: f64 = 3.0;
 /// [`SIGNIFICANCE`] for the gain after fitting brightness and contrast; lower, because it only confirms the gain
 /// without the fit.
 const SIGNIFICANCE_FREE: f64 = 2.0;
-/// Two errors count as about equal up to this ratio.
+/// Two errors count as about equal if their ratio is at most this.
 const MAX_ABOUT_EQUAL: f64 = 1.1;
 /// A picture explains a photograph if it accounts for at least this share of its variance.
 const MIN_EXPLAINED: f64 = 0.5;
@@ -28,11 +28,12 @@ const MIN_EXPLAINED: f64 = 0.5;
 const MIN_CONTRAST_RATIO: f64 = 1.6;
 /// Contrasts are reported only if correcting brightness and contrast gains at least this, in dB.
 const MIN_CONTRAST_GAIN_DB: f64 = 6.0;
-/// Pictures count as equal below this mean squared error, levels²: rounding and truncation to 8 bit differ by less.
+/// Pictures count as equal if their mean squared error is below this, in levels²: rounding and truncation to 8 bit
+/// differ by less.
 const ROUNDING: f64 = 1.0;
 
-/// The part of a photograph with the most contrast, at full resolution: reduced pictures would hide
-/// errors of half a pixel or in the shape of a small Gaussian.
+/// The part of a photograph with the most contrast. It is compared at full resolution, because reduced pictures would
+/// hide errors of half a pixel and wrong shapes of small Gaussians.
 pub(in crate::evaluate) fn window(photograph: &RgbImage) -> Region {
     let (width, height) = photograph.dimensions();
     let size = (width.min(SIDES.0), height.min(SIDES.1));
@@ -58,8 +59,8 @@ pub(in crate::evaluate) fn window(photograph: &RgbImage) -> Region {
     best.1
 }
 
-/// Sum of the differences between neighbouring green levels at every fourth row and column. Each counts for at most 64
-/// levels, so that a single sharp edge is not decisive.
+/// Sum of the differences between neighbouring green levels at every fourth row and column. A difference counts for at
+/// most 64 levels, so that a single sharp edge is not decisive.
 fn contrast(photograph: &RgbImage, region: Region) -> u64 {
     let level = |x: u32, y: u32| photograph.get_pixel(x, y).0[1];
     let mut sum = 0;
@@ -195,7 +196,7 @@ impl Likeness {
         }
     }
 
-    /// The factor by which this squared error is smaller than that of `other`, in dB.
+    /// The factor by which this comparison's squared error is smaller than that of `other`, in dB.
     pub(in crate::evaluate) fn gain_over(&self, other: &Self) -> f64 {
         10.0 * (other.error() / self.error()).log10()
     }
@@ -217,17 +218,16 @@ impl Likeness {
         self.total.map(|sums| sums.p / sums.n)
     }
 
-    /// Whether the picture is no closer to the photograph than a uniform picture in the
-    /// photograph's mean colour, and explains less than a tenth of its variance at any brightness
-    /// and contrast.
+    /// True if the picture is no closer to the photograph than a uniform picture in the photograph's mean colour, and
+    /// explains less than a tenth of the photograph's variance at any brightness and contrast.
     pub(in crate::evaluate) fn is_unrelated(&self) -> bool {
         let Errors {
             error,
             residual,
             variance,
         } = Errors::of(self.total);
-        // A photograph of a single colour has no variance to explain; a difference of 8 levels
-        // counts as close.
+        // A photograph of a single colour has no variance to explain, so an error of up to 8 levels never counts as
+        // unrelated.
         let noise = 64.0 * 3.0 * self.total[0].n;
         // The mean colour is rounded to whole levels, so its error is slightly larger than that of the exact mean.
         error >= (0.99 * variance).max(noise) && residual > 0.9 * variance
@@ -244,7 +244,7 @@ impl Likeness {
     }
 
     /// The picture's contrast as a multiple of the photograph's, and the PSNR after correcting brightness and contrast,
-    /// dB; `None` unless the correction removes most of the error.
+    /// dB. `None` unless the contrasts differ much and the correction removes most of the error.
     pub(in crate::evaluate) fn contrast(&self) -> Option<(f64, f64)> {
         let sum = |of: fn(&Sums) -> f64| self.total.iter().map(of).sum::<f64>();
         let covariance = sum(|c| c.pr - c.p * c.r / c.n);
@@ -258,14 +258,14 @@ impl Likeness {
             .then(|| (contrast, self.psnr() + gain))
     }
 
-    /// Whether this picture explains the photograph it was compared with and is significantly closer to it than the
-    /// picture of `other` is to the photograph of `other`.
+    /// Whether the picture explains its photograph, and is significantly closer to it (see [`Self::is_closer_than`])
+    /// than the picture of `other` is to the photograph of `other`.
     pub(in crate::evaluate) fn is_better_than(&self, other: &Self) -> bool {
         self.explains() && self.is_closer_than(other)
     }
 
-    /// Whether this picture is significantly closer to the photograph it was compared with than the picture of `other`
-    /// is to the photograph of `other`, both in squared error and after fitting brightness and contrast.
+    /// Whether the picture is significantly closer to its photograph than the picture of `other` is to the photograph
+    /// of `other`, both in squared error and after fitting brightness and contrast.
     pub(in crate::evaluate) fn is_closer_than(&self, other: &Self) -> bool {
         let share = |e: Errors| e.residual / e.variance;
         self.is_nearer_than(other) && self.gains(other, [share; 2], MARGIN / 2.0, SIGNIFICANCE_FREE)
@@ -276,8 +276,8 @@ impl Likeness {
         self.gains(other, [|e| e.error; 2], MARGIN, SIGNIFICANCE)
     }
 
-    /// Whether this picture's squared error is significantly smaller than that of `other` even after fitting the
-    /// brightness and contrast of `other`.
+    /// Whether this picture's squared error, as it is, is significantly smaller than that of `other` after fitting
+    /// brightness and contrast.
     pub(in crate::evaluate) fn is_nearer_than_exposed(&self, other: &Self) -> bool {
         self.gains(
             other,
@@ -287,8 +287,8 @@ impl Likeness {
         )
     }
 
-    /// Whether this picture's squared error is at most slightly larger than that of `other` after fitting the
-    /// brightness and contrast of `other`.
+    /// Whether this picture's squared error, as it is, is at most slightly larger than that of `other` after fitting
+    /// brightness and contrast.
     pub(in crate::evaluate) fn is_as_near_as_exposed(&self, other: &Self) -> bool {
         self.error() <= MAX_ABOUT_EQUAL * Errors::of(other.total).residual
     }
@@ -338,8 +338,8 @@ impl Likeness {
     }
 }
 
-/// The share of the photograph's contrast that is missing in a blurred picture of it; `None` if the picture is not
-/// blurred or shows something else.
+/// The share of the photograph's contrast that is missing in `picture`; `None` unless `picture` is a blurred version of
+/// the photograph.
 pub(in crate::evaluate) fn blur(photograph: &RgbImage, picture: &RgbImage) -> Option<f64> {
     let whole = Region::whole(photograph.dimensions());
     let [seen, shown] = [photograph, picture].map(|all| contrast(all, whole) as f64);

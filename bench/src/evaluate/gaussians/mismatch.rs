@@ -9,18 +9,19 @@ use super::rereading::{MIN_FACING_AREA, Seen, Trial};
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
-/// Factors of standard deviations to try.
+/// Factors by which standard deviations are multiplied to find a better match.
 const WIDTHS: [f64; 9] = [1.0 / 3.0, 0.1, 0.01, 0.001, 2.0, 3.0, 10.0, 100.0, 1000.0];
-/// Narrower standard deviations are reported only if they gain at least this, in dB. Crude but correct Gaussians gain
-/// less.
+/// Narrower standard deviations are reported only if they gain at least this, in dB. They gain less for crude but
+/// correct Gaussians.
 const MIN_NARROWER_GAIN_DB: f64 = 4.0;
-/// Wider standard deviations are reported only if they gain at least this, in dB. Correct Gaussians with holes gain less.
+/// Wider standard deviations are reported only if they gain at least this, in dB. They gain less for correct Gaussians
+/// with holes.
 const MIN_WIDER_GAIN_DB: f64 = 6.0;
-/// A factor that the depth suggests is reported only if it gains at least this, in dB.
+/// A factor suggested by the depth is reported only if it gains at least this, in dB.
 const MIN_WIDTHS_GAIN_DB: f64 = 1.0;
-/// Wider Gaussians are tried only up to this many per pixel.
+/// Wider Gaussians are tried only if at most this many cover a pixel on average.
 const MAX_LAYERS: f64 = 300.0;
-/// Smaller rotations are not tried, in degrees.
+/// Minimum angle of the rotations that are tried, in degrees.
 const MIN_TURN_DEG: f64 = 3.0;
 
 impl Trial<'_> {
@@ -39,9 +40,9 @@ impl Trial<'_> {
         }))
     }
 
-    /// The factor that makes the Gaussians match far better if their standard deviations are multiplied by it. Factors
-    /// below 1 are tried only if the rendering is blurred, and the first match is taken: still narrower Gaussians,
-    /// drawn as mere centres, would resemble the source even better.
+    /// The factor of the standard deviations with which the Gaussians match the source far better than as read; `None`
+    /// if there is none. Factors below 1 are tried only if the rendering is blurred, and the first that matches is
+    /// taken: still narrower Gaussians, drawn as mere centres, would resemble the source even more.
     pub(in crate::evaluate) fn other_widths(
         &self,
         gaussians: &Gaussians,
@@ -81,8 +82,8 @@ impl Trial<'_> {
     }
 
     /// Tries to turn the quaternions by each of [`Self::turns`]. Returns the angle, in degrees, of the turn that
-    /// matches best, if it is significantly better than `as_read`: the rotation was probably applied to the means
-    /// alone.
+    /// matches best, and its comparison, if it is significantly better than `as_read`. The rotation was then probably
+    /// applied to the means alone.
     pub(in crate::evaluate) fn other_turn(
         &self,
         gaussians: &Gaussians,
@@ -100,7 +101,7 @@ impl Trial<'_> {
                 let turned = turn * DQuat::from_xyzw(x, y, z, w);
                 *quaternion = [turned.w, turned.x, turned.y, turned.z].map(|v| v as f32);
             }
-            // Wrongly rotated Gaussians are seen more edge-on, which sharpens a rendering whose Gaussians are too wide.
+            // Skip turns that show the Gaussians more edge-on: this sharpens a rendering whose Gaussians are too wide.
             if self.mean_area(&other, placement) >= MIN_FACING_AREA * own_area
                 && let Some(fit) = self.fit(&other, map)?
                 && fit.is_better_than(as_read)
@@ -114,8 +115,8 @@ impl Trial<'_> {
         Ok(best)
     }
 
-    /// The comparison of Gaussians in world space under the inverse of the source's pose, if it is significantly better
-    /// than `as_read`.
+    /// The comparison of Gaussians in world space, placed by the inverse of the source's pose, if it is significantly
+    /// better than `as_read`.
     pub(in crate::evaluate) fn fit_with_inverse_pose(
         &self,
         gaussians: &Gaussians,
@@ -133,7 +134,7 @@ impl Trial<'_> {
         Ok(fit.filter(|fit| fit.is_better_than(as_read)))
     }
 
-    /// Rotations to try: that of the whole placement, of the source's pose and of `transform=`, each in both
+    /// Rotations to try: those of the whole placement, of the source's pose and of `transform=`, each in both
     /// directions, and half turns about the axes.
     fn turns(&self, placement: Placement) -> Vec<DQuat> {
         let rigid = Placement {
@@ -178,8 +179,7 @@ fn with_widths(gaussians: &Gaussians, factor: f64) -> Gaussians {
     other
 }
 
-/// The rotation of a similarity. For a mirrored one, the rotation of its negative, which has the same effect on
-/// Gaussians.
+/// The rotation of a similarity. If the similarity mirrors, the rotation of its negative, which turns Gaussians alike.
 fn rotation(matrix: DMat3) -> DQuat {
     let scale = matrix.determinant().cbrt();
     DQuat::from_mat3(&(matrix * scale.recip())).normalize()

@@ -12,8 +12,8 @@ use crate::methods::GaussianPrediction;
 use crate::methods::file_reading::{FileReading, FileSpace};
 use crate::pairs::PosedCamera;
 
-/// Other views of the scene whose photographs have the same size: the neighbours of a view, the view at the mirrored
-/// position in the scene's order, and the first view, whose camera may define the scene's coordinates.
+/// Other views of the source's scene whose photographs have this `size`: the source's neighbours, the view at the
+/// mirrored position in the scene's order, and the first view, whose camera may define the scene's coordinates.
 pub(super) fn other_views(
     source: &PosedCamera,
     scene: &Scene,
@@ -39,7 +39,7 @@ pub(super) fn other_views(
 pub(super) struct OtherView<'a> {
     view: &'a PosedCamera,
     pub(super) fit: Likeness,
-    /// If true, the Gaussians show the source, with means in this view's camera space. If false, they show this view.
+    /// True if the means are in this view's camera space but show the source; false if the Gaussians show this view.
     pub(super) is_frame: bool,
 }
 
@@ -61,9 +61,9 @@ impl OtherView<'_> {
     }
 }
 
-/// The view that explains the Gaussians best; `None` if it is not significantly better than their own source
-/// (`as_read`). Either its photograph matches the Gaussians, rendered from that view or from the source (`shown`), or
-/// the means are in its camera's space.
+/// The other view that explains the Gaussians best, if significantly better than their own source (`as_read`). Either
+/// its photograph matches the Gaussians, rendered from it or from the source (`shown`), or the means are in its
+/// camera's space.
 pub(super) fn other_view<'a>(
     prediction: &GaussianPrediction,
     reading: &FileReading,

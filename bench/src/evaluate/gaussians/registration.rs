@@ -4,8 +4,8 @@
 use image::RgbImage;
 use image::imageops::thumbnail;
 
-/// Maximum shift per search step, in pixels. From a shift at the end of this range, the search continues, for at most
-/// `SEARCHES` steps.
+/// Maximum shift per search step, in pixels. If the best shift is at the end of this range, another step starts from
+/// it, up to `SEARCHES` steps in all.
 const REACH: i32 = 3;
 const SEARCHES: usize = 8;
 /// Maximum picture width for the zoom search, in pixels.
@@ -13,7 +13,7 @@ const WIDTH: u32 = 160;
 /// Number of zooms tried on either side of 1, in steps of a factor of exp(0.02).
 const ZOOMS: i32 = 26;
 
-/// How far `picture` must be moved right and down to match, in steps of half a pixel.
+/// The shift to the right and down that brings `picture` closest to the photograph, in pixels, rounded to halves.
 pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [f64; 2] {
     let error = |by: [i32; 2]| {
         let [dx, dy] = by.map(f64::from);
@@ -30,8 +30,8 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
             break;
         }
     }
-    // For each axis, take the vertex of the parabola through three errors. If two of the errors are equal, the vertex
-    // is midway between them, half a pixel from either.
+    // For each axis, the vertex of the parabola through the errors at the best shift and its neighbours. If the best
+    // two errors are equal, it lies midway between their shifts, half a pixel from either.
     [0, 1].map(|axis| {
         let [before, at, after] = [-1, 0, 1].map(|step| {
             let mut near = best;
@@ -45,7 +45,7 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
 }
 
 /// The horizontal and vertical factors by which `picture` must be enlarged about `center` (in pixels) to match the
-/// photograph. Both are powers of a common factor, with the exponents `along`. `None` if both are about 1.
+/// photograph: a common factor to the powers `along`. `None` if both are about 1.
 pub(in crate::evaluate) fn zoom(
     photograph: &RgbImage,
     picture: &RgbImage,
@@ -81,8 +81,8 @@ fn least<T: Copy + Default>(all: impl Iterator<Item = T>, error: impl Fn(T) -> f
     best.map(|(at, _)| at).unwrap_or_default()
 }
 
-/// Mean squared difference of the green channel. `from` maps the photograph's pixels into the
-/// picture; if two thirds of them fall outside, the result is infinite.
+/// Mean squared difference of the green channel. `from` maps the photograph's pixels to the picture's; the result is
+/// infinite if two thirds of them fall outside the picture.
 fn error(photograph: &RgbImage, picture: &RgbImage, from: impl Fn(f64, f64) -> (f64, f64)) -> f64 {
     let level = |x: f64, y: f64| f64::from(picture.get_pixel(x as u32, y as u32).0[1]);
     let (right, bottom) = (

@@ -17,16 +17,17 @@ use crate::rendering::pose_alignment::fit_camera;
 use crate::rendering::shared::{HOLE_ALPHA, surface_depth};
 use crate::scoring::GroundTruth;
 
-/// A fitted camera causes a warning if it was turned by more than this, in degrees.
+/// A fitted camera causes a warning if the fit turned it by more than this, in degrees.
 const FAR_TURNED: f64 = 15.0;
-/// A fitted camera causes a warning if it was moved by more than this share of the median depth.
+/// A fitted camera causes a warning if the fit moved it by more than this share of the median
+/// depth.
 const FAR_MOVED: f64 = 0.25;
 
 /// The factor from predicted to true depth: the median of their ratios (the paper's eq.
-/// global_scale). The inner error is a reason that names neither file nor pair.
+/// global_scale). The inner error is a reason without the names of file and pair.
 ///
 /// # Errors
-/// [`RenderError`], because Gaussians without a depth layer are rendered into the source.
+/// If rendering into the source fails, which is needed for Gaussians without a depth layer.
 pub(in crate::evaluate) fn depth_scale(
     prediction: &GaussianPrediction,
     truth: Option<&DepthMap>,
@@ -101,7 +102,7 @@ pub(in crate::evaluate) fn render(
     fit: Option<&GroundTruth>,
 ) -> Result<(PicturePrediction, RenderOutput), RenderError> {
     let median_scale = scale;
-    // Scaling Gaussians directly in the camera's space avoids one rounding.
+    // Scaling within the transform avoids rounding the Gaussians once more.
     let (space, scale) = match (prediction.space, scale) {
         (GaussianSpace::Camera(map), Some(scale)) if map != DAffine3::IDENTITY => {
             let about_camera = DAffine3::from_scale(DVec3::splat(scale));

@@ -22,39 +22,38 @@ use crate::rendering::SharedRenderer;
 use crate::rendering::shared::HOLE_ALPHA;
 use crate::scoring::Region;
 
-/// A reading is tried only if it has at most this many Gaussians per pixel on average; no
-/// photograph needs more.
+/// A reading is tried only if at most this many Gaussians cover a pixel on average; no photograph needs more.
 const MAX_LAYERS: f64 = 3000.0;
-/// A reading is tried in other views only if it gains at least this in the source, in dB.
+/// A reading is tried in other views only if it gains at least this in the source's view, in dB.
 const MIN_SOURCE_GAIN_DB: f64 = 0.25;
-/// A form of the numbers is ruled out if it loses this much in the source, in dB.
+/// Another form of the stored numbers is ruled out if it makes the source's error larger by at least this, in dB.
 const RULED_OUT_LOSS_DB: f64 = 1.0;
-/// [`RULED_OUT_LOSS_DB`] for reading opacities as logarithms: the stored values themselves are strong evidence for
-/// this, and the rendering of the source can hardly contradict it.
+/// [`RULED_OUT_LOSS_DB`] for reading opacities as logarithms. It is larger, because the stored values themselves are
+/// strong evidence for logarithms, and the rendering of the source hardly depends on opacities.
 const RULED_OUT_LOSS_OF_LOG_DB: f64 = 3.0;
-/// A reading is accepted only if errors in other views grow by at most this factor.
+/// A reading is accepted only if it multiplies the error in other views by at most this.
 const MAX_ERROR_ELSEWHERE: f64 = 1.1;
-/// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because other views must confirm it.
+/// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because a shift must improve other views, too.
 const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
-/// A shift that gains at least this in the source once the Gaussians are [flattened](Trial::flat_fits), in dB, need not be
-/// confirmed in other views, where a shift of half a pixel hardly changes poor Gaussians.
+/// A shift that gains at least this in the source's view once the Gaussians are [flattened](Trial::flat_fits), in dB,
+/// need not improve other views, in which a shift of half a pixel hardly changes poor Gaussians.
 const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 1.0;
 /// Another form of colours is preferred only if it gains at least this, in dB, because forms of colours may differ
 /// merely in brightness and contrast.
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
-/// [`MIN_RECOLORED_GAIN_DB`] for a form whose brightness and contrast are already the best fit.
+/// [`MIN_RECOLORED_GAIN_DB`] for a form under which fitting brightness and contrast gains nothing more.
 const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
 /// Changes of the focal length by less than this fraction are small and must gain more, because a slight enlargement
-/// can improve the fit of wrongly shaped Gaussians by chance.
+/// can improve the fit of Gaussians with wrong shapes by chance.
 const SMALL_ZOOM: f64 = 0.05;
 /// A small change of the focal length is accepted only if it gains at least this, in dB.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
 /// Standard deviations may be base-10 logarithms only if more than this many Gaussians cover a pixel on average.
 const WIDE_LAYERS: f64 = 500.0;
-/// Gaussians that cover at least this share of another view count as showing that whole view.
+/// A view counts as wholly shown if Gaussians cover at least this share of it.
 const MIN_WHOLE_COVERAGE: f64 = 0.7;
-/// Another order of quaternions is possible if the Gaussians' area is at least this, relative to the area as read.
-/// Wrong orders reduce it, because most Gaussians lie on surfaces that face the camera.
+/// Minimum area of the Gaussians under another order of quaternions, relative to the area as read. Wrong orders reduce
+/// the area, because most Gaussians lie on surfaces that face the camera.
 pub(super) const MIN_FACING_AREA: f64 = 0.97;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
@@ -63,13 +62,13 @@ const AXES: [&str; 7] = ["rdf", "rub", "ldb", "luf", "ldf", "ruf", "rfu"];
 /// Units to try for a world space, metres: powers of ten, feet and inches.
 const UNITS_M: [f64; 8] = [0.001, 0.01, 0.1, 10.0, 100.0, 1000.0, 0.3048, 0.0254];
 
-/// The part of a source's photograph on which readings are compared.
+/// The part of a source's photograph on which readings are compared, and how it is rendered.
 #[derive(Clone, Copy)]
 pub(in crate::evaluate) struct Trial<'a> {
     pub(in crate::evaluate) source: &'a PosedCamera,
     pub(in crate::evaluate) photograph: &'a RgbImage,
     pub(in crate::evaluate) region: Region,
-    /// How far the photograph was moved to the right and down, in pixels.
+    /// Shift of the photograph to the right and down, in pixels.
     pub(in crate::evaluate) moved: [f64; 2],
     pub(in crate::evaluate) renderer: &'a SharedRenderer,
     pub(in crate::evaluate) rule: Option<Rule>,
@@ -84,7 +83,7 @@ fn general(rule: Rule) -> Rule {
 }
 
 impl Trial<'_> {
-    /// This trial under the rule of `reading`, if `reading` sets one.
+    /// This trial with the rule of `reading`; unchanged if `reading` sets none.
     fn under(&self, reading: &FileReading) -> Self {
         Self {
             rule: reading.rule.or(self.rule),
@@ -92,7 +91,7 @@ impl Trial<'_> {
         }
     }
 
-    /// The point that the rule takes as the camera's principal point, in pixels.
+    /// The point that the rule uses as the camera's principal point, in pixels.
     fn principal_point_of_rule(&self) -> [f64; 2] {
         let k = self.source.intrinsics;
         match self.rule.map(|rule| rule.principal_point) {
@@ -101,21 +100,21 @@ impl Trial<'_> {
         }
     }
 
-    /// The principal point of the whole photograph under the rule, in pixels.
+    /// [`Self::principal_point_of_rule`] in the moved photograph, in pixels.
     pub(in crate::evaluate) fn principal_point(&self) -> [f64; 2] {
         let [x, y] = self.principal_point_of_rule();
         [x + self.moved[0], y + self.moved[1]]
     }
 
-    /// By how much the camera's principal point is to the right of, and below, the one that the rule takes, in pixels.
+    /// Offset of the camera's principal point from the one that the rule uses, in pixels to the right and down.
     fn ignored_offset(&self) -> [f64; 2] {
         let k = self.source.intrinsics;
         let [x, y] = self.principal_point_of_rule();
         [k.cx - x, k.cy - y]
     }
 
-    /// The rule with the camera's principal point, if the rule ignores it and it is over a pixel off the picture's
-    /// centre.
+    /// The rule, changed to use the camera's principal point. `None` if it already does, or if the point is within a
+    /// pixel of the picture's centre.
     fn general_rule(&self) -> Option<Rule> {
         let is_off = self
             .ignored_offset()
@@ -124,7 +123,8 @@ impl Trial<'_> {
         self.rule.filter(|_| is_off).map(general)
     }
 
-    /// Whether a shift is, to within a pixel, the offset of an ignored principal point from the picture's centre.
+    /// Whether a shift equals, to within a pixel, the offset of the camera's principal point from the one that the rule
+    /// uses.
     fn is_ignored_offset(&self, shift: [f64; 2]) -> bool {
         let offset = self.ignored_offset();
         (shift[0] - offset[0]).abs() <= 1.0 && (shift[1] - offset[1]).abs() <= 1.0
@@ -141,7 +141,7 @@ impl Trial<'_> {
         }
     }
 
-    /// This trial on the whole photograph.
+    /// This trial, extended to the whole photograph.
     pub(in crate::evaluate) fn whole(&self) -> Self {
         Self {
             region: Region::whole(self.photograph.dimensions()),
@@ -149,7 +149,7 @@ impl Trial<'_> {
         }
     }
 
-    /// [`Trial::fit`] of Gaussians that were read as `reading`, reinterpreted under another reading.
+    /// [`Trial::fit`] under the reading `other`, for Gaussians that were decoded by `reading`.
     pub(in crate::evaluate) fn fit_read(
         &self,
         gaussians: &Gaussians,
@@ -199,8 +199,8 @@ impl Trial<'_> {
         Ok(covered as f64 / alpha.len().max(1) as f64)
     }
 
-    /// Whether the source may see only the edge of the Gaussians: they are in world space and cover most of a view in
-    /// `elsewhere`, or there is no other view.
+    /// Whether the source may see only the edge of the Gaussians: they are in world space, and cover most of a view in
+    /// `elsewhere` or `elsewhere` is empty.
     pub(in crate::evaluate) fn is_whole_elsewhere(
         &self,
         gaussians: &Gaussians,
@@ -218,8 +218,8 @@ impl Trial<'_> {
         Ok(is_whole)
     }
 
-    /// Renders the `gaussians` that reach this part of the photograph. `None` if none does, or if more than [`MAX_LAYERS`]
-    /// cover a pixel on average.
+    /// Renders the `gaussians` that reach this part of the photograph. `None` if no Gaussian does, or if more than
+    /// [`MAX_LAYERS`] cover a pixel on average.
     pub(in crate::evaluate) fn rendered(
         &self,
         gaussians: &Gaussians,
@@ -229,11 +229,11 @@ impl Trial<'_> {
         if seen.members.is_empty() || seen.layers > MAX_LAYERS {
             return Ok(None);
         }
-        // Among Gaussians at equal depth, the first covers the others. In the order of a file, this would shift the
-        // whole picture, so the order is shuffled.
+        // At equal depth, earlier Gaussians cover later ones. In the order of a file, this would shift the whole
+        // picture, so the order is shuffled.
         seen.members.sort_by_key(|&k| mix(k as u64));
         let seen = gaussians.subset(&seen.members);
-        // The centre of the part is not the centre of the picture, so the principal point is always used.
+        // The part's centre is not the principal point, so the rule must not assume that it is.
         let (intrinsics, rule) = (self.intrinsics(), self.rule.map(general));
         let output = self
             .renderer
@@ -241,8 +241,8 @@ impl Trial<'_> {
         Ok(Some(output))
     }
 
-    /// Whether another form of the stored numbers is still possible. False if that form explains the part no better
-    /// than the numbers as read, or much worse.
+    /// Whether the form of the stored numbers in `other` remains possible. True if `other` explains this part better
+    /// than `reading`, or if neither explains it and `other` is not much worse.
     pub(in crate::evaluate) fn allows(
         &self,
         other: &FileReading,
@@ -255,18 +255,19 @@ impl Trial<'_> {
         };
         let other = self.fit_read(gaussians, reading, other)?;
         let gain = other.map_or(f64::NEG_INFINITY, |other| other.gain_over(&as_read));
-        // Opacities hardly change the source's rendering, and correctly read ones do not look like logarithms.
+        // Be tolerant to logarithms: opacities hardly change the source's rendering, and opacities that were stored
+        // otherwise do not look like logarithms.
         let is_rare = other_form.opacity == Some(StoredOpacity::Log);
         Ok(gain >= MIN_SOURCE_GAIN_DB
             || !as_read.explains() && gain > -RULED_OUT_LOSS_DB
             || is_rare && gain > -RULED_OUT_LOSS_OF_LOG_DB)
     }
 
-    /// Searches for a reading that explains the photograph significantly better than `as_read`, in this part alone or
-    /// together with `neighbours` (other views of the scene), and no worse in these; returns the best. The neighbours
-    /// also decide between several better readings, because wrongly rotated Gaussians may cover their own source better
-    /// than correct ones. `moves` align the rendering. `is_lost` says that the rendering shows nothing; all axes are
-    /// then tried.
+    /// The best reading that explains the photograph significantly better than `as_read`, either in this part alone or
+    /// together with `neighbours` (other views of the scene), and that does not worsen the neighbours. The gain over
+    /// part and neighbours decides between several such readings, because wrongly rotated Gaussians may cover their own
+    /// source better than correct ones. `moves` are the shifts and zooms that align the rendering; `is_lost` says that
+    /// the rendering shows nothing, so that all axes are tried.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
@@ -302,7 +303,7 @@ impl Trial<'_> {
             };
             let general_rule = self.under(before).general_rule();
             for placement in placements(before.placement, moves, is_lost) {
-                // A shift by the ignored principal point is due to the rule, not to the file.
+                // A shift to the principal point that the rule ignores is due to the rule, not to the file.
                 let moved = [0, 1].map(|axis| placement.shift[axis] - before.placement.shift[axis]);
                 if general_rule.is_some() && self.is_ignored_offset(moved) {
                     continue;
@@ -376,7 +377,7 @@ impl Trial<'_> {
                     && fit.gain_over(fit_before) < MIN_SMALL_ZOOM_GAIN_DB;
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
-                // The source alone decides between two forms of colours: in other views, wrong geometry causes blur,
+                // Only the source decides between two forms of colours: in other views, wrong geometry causes blur,
                 // which paler colours hide.
                 let is_closest = chosen.as_ref().is_none_or(|(other, its_fit, its_gain)| {
                     if recolors && other.stored.colors != before.stored.colors {
@@ -385,8 +386,8 @@ impl Trial<'_> {
                         gain > *its_gain
                     }
                 });
-                // Wrongly rotated Gaussians are seen more edge-on, which sharpens a rendering whose Gaussians are too
-                // wide.
+                // Skip orders of quaternions that show the Gaussians more edge-on: this sharpens a rendering whose
+                // Gaussians are too wide.
                 let is_narrower = candidate.stored.quaternions != before.stored.quaternions
                     && area(&candidate) < MIN_FACING_AREA * area(before);
                 if is_better && !worse && is_closest && !is_narrower && !is_chance {
@@ -402,8 +403,8 @@ impl Trial<'_> {
         Ok((other != *reading).then_some((other, fit)))
     }
 
-    /// Reverts each changed setting that is not needed: without it, the reading is not significantly worse, so it only
-    /// compensated for another setting.
+    /// Reverts each changed setting that can be reverted without making the reading significantly worse: such a change
+    /// only compensated for another setting.
     fn simplest(
         &self,
         gaussians: &Gaussians,
@@ -425,8 +426,8 @@ impl Trial<'_> {
                 && fewer != *reading
                 && let Some(fit) = self.fit_read(gaussians, reading, &fewer)?
             {
-                // Misread quaternions turn Gaussians at random, which may cover holes that another wrong setting
-                // leaves.
+                // Misread quaternions turn Gaussians at random, which may fill holes that are due to another wrong
+                // setting.
                 let is_weak = *key == "quaternions" && best.1.gain_over(&fit) < RULED_OUT_LOSS_DB;
                 let fewer = (fewer, fit);
                 let is_needed = || -> Result<bool, RenderError> {
@@ -441,7 +442,7 @@ impl Trial<'_> {
         Ok(best)
     }
 
-    /// Renders the Gaussians into other views.
+    /// Compares the Gaussians, rendered into other views, with the photographs of these views.
     fn fit_elsewhere(
         &self,
         gaussians: &Gaussians,
@@ -462,15 +463,14 @@ impl Trial<'_> {
     }
 }
 
-/// The shift (pixels), and the horizontal and vertical factors, that align a rendering with its
-/// photograph.
+/// Shift (pixels) and pairs of horizontal and vertical factors that may align a rendering with its photograph.
 pub(in crate::evaluate) struct Moves {
     pub(in crate::evaluate) aside: [f64; 2],
     pub(in crate::evaluate) zooms: Vec<[f64; 2]>,
 }
 
-/// Alternative placements: each space with each system of axes, a world in each unit, the inverse of
-/// `transform=`, shifted placements, and other focal lengths.
+/// Placements to try: other spaces and axes, a world in other units, the inverse of `transform=`, shifts, and other
+/// focal lengths.
 fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement> {
     let mut all = Vec::new();
     let axes: Vec<Axes> = if is_lost {
@@ -514,9 +514,9 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
     all
 }
 
-/// Alternative interpretations of the stored numbers. Base-10 logarithms are tried only if `is_wide`: read as natural
-/// logarithms, they give Gaussians so wide that many cover each pixel. Gaussians that are not that wide would shrink to
-/// mere centres, which may resemble the source by chance.
+/// Interpretations of the stored numbers to try. Base-10 logarithms are tried only if `is_wide`: read as natural
+/// logarithms, they give Gaussians so wide that many cover each pixel. Narrower Gaussians would shrink to mere centres,
+/// which may resemble the source by chance.
 fn numbers(current: &FileReading, stored: &Gaussians, is_wide: bool) -> Vec<FileReading> {
     let mut all = Vec::new();
     let mut add = |change: &dyn Fn(&mut FileReading)| {
@@ -538,7 +538,7 @@ fn numbers(current: &FileReading, stored: &Gaussians, is_wide: bool) -> Vec<File
     for channels in StoredChannels::ALL {
         add(&|other| other.stored.channels = Some(*channels));
     }
-    // Decoding and encoding again causes some rounding.
+    // The tolerance is for rounding, because values were decoded and encoded again.
     let unit = -1e-4..=1.0001;
     let fits = |all: &[f32], most: f32| all.iter().all(|v| unit.contains(&(v / most)));
     if current.stored.opacity == Some(StoredOpacity::Logit) && fits(&stored.opacities, 1.0) {
@@ -613,7 +613,7 @@ impl Seen {
                 continue;
             }
             let scale = gaussians.scales[index].into_iter().fold(0.0, f32::max);
-            // 3.33 standard deviations, and half as much again for perspective stretch off the axis.
+            // 3.33 standard deviations, times 1.5 for perspective stretch off the axis.
             let reach = 5.0 * f64::from(scale) * stretch / p.z;
             let along = |middle: f64, reach: f64, side: f64| {
                 ((middle + reach).min(side) - (middle - reach).max(0.0)).max(0.0)

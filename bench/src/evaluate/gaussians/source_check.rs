@@ -1,11 +1,10 @@
 //! Renders Gaussians into the view that they were predicted from. If the rendering does not match
 //! the view's photograph, tries other readings of the Gaussians' file.
 //!
-//! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendering into
-//! the source's own camera reveals all of these except a scale about that camera, so the rendered
-//! depth is recorded too. For external files, other readings are tried (`add_doubts`) for three
-//! sources of each dataset, chosen by the list of pairs alone. This costs about as much as rendering
-//! a few small pictures.
+//! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendering into the source's own
+//! camera reveals all of these except a scale about that camera, which only depth reveals, so the rendered depth is
+//! recorded, too. For external files, other readings are tried (`add_doubts`) for three sources of each dataset, chosen
+//! by the list of pairs alone. This costs about as much as rendering a few small pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
@@ -48,32 +47,33 @@ pub const SOURCE_BLUR: &str = "source_blur";
 const MIN_VALID: f64 = 0.95;
 /// No other reading is tried if the PSNR of the source's rendering is at least this, in dB.
 const RIGHT_DB: f64 = 38.0;
-/// A setting that gains less than this may only compensate for wrong standard deviations, in dB.
+/// If a setting gains less than this, in dB, it may only compensate for wrong standard deviations.
 const WEAK_DB: f64 = 3.0;
-/// Contrast relative to the photograph if colour coefficients were multiplied by the constant harmonic (0.282) instead
-/// of divided by it. The expected value is 0.282², or 0.08.
+/// Range of the contrast, relative to the photograph, if colour coefficients were multiplied by the constant harmonic
+/// (0.282) instead of divided by it, which changes contrast by a factor of 0.282² = 0.08.
 const SQUARED_CONSTANT: RangeInclusive<f64> = 0.06..=0.1;
 /// Gaussians may have been removed if at least this share of the pixels is empty.
 const MIN_HOLES: f64 = 0.02;
 /// Other readings are tried only on photographs with at least this many pixels; smaller ones do not show a Gaussian's
 /// shape.
 const FEWEST_PIXELS: usize = 1200;
-/// If moving the source's pixels by half a pixel reduces the covered area to less than this fraction, Gaussians are
-/// narrower than a pixel and at the pixels' centres, where a rendering shows neither their shape nor their size. They
-/// are then compared between these centres.
+/// If shifting the photograph by half a pixel reduces the covered area to less than this fraction, the Gaussians are
+/// narrower than a pixel and at the pixels' centres, where a rendering shows neither their shape nor their size. The
+/// shifted photograph is then compared instead.
 const MIN_COVERED_BETWEEN: f64 = 0.9;
-/// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds.
+/// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds per
+/// pixel.
 const ABSURD_LAYERS: f64 = 5000.0;
-/// A warning is given only if each Gaussian covers at least this share of the picture on average, because millions of
-/// small Gaussians on a small picture are fine.
+/// [`ABSURD_LAYERS`] causes a warning only if each Gaussian covers at least this share of the picture on average,
+/// because millions of small Gaussians on a small picture are fine.
 const ABSURD_SHARE: f64 = 0.02;
 
 pub(in crate::evaluate) struct CheckedSource<'a> {
     pub(in crate::evaluate) camera: &'a PosedCamera,
     pub(in crate::evaluate) photograph: &'a RgbImage,
-    /// Pixels of the photograph that count; `None` for all.
+    /// Pixels of the photograph to compare; `None` for all.
     pub(in crate::evaluate) valid: Option<&'a Mask>,
-    /// True depth, if available; `None` for a method that is scaled to it.
+    /// True depth, if available; `None` also for a method whose Gaussians are scaled to it.
     pub(in crate::evaluate) depth: Option<&'a DepthMap>,
     pub(in crate::evaluate) scene: &'a Scene,
     /// Whether other readings are tried for this source.
@@ -88,10 +88,10 @@ pub(in crate::evaluate) struct SourceFacts {
 
 /// A prediction rendered into its own source.
 struct SeenSource {
-    /// The rendering, or that of the photograph moved by half a pixel, see [`MIN_COVERED_BETWEEN`].
+    /// The rendering, moved by half a pixel if [`MIN_COVERED_BETWEEN`] applies.
     picture: RgbImage,
     depth: DepthMap,
-    /// The rendering over the photograph's mean colour, in place of the background.
+    /// The rendering in front of the photograph's mean colour instead of the background.
     over_mean: RgbImage,
     /// Result of [`missing_share`].
     missing: Option<f64>,
@@ -100,9 +100,9 @@ struct SeenSource {
     is_blurred: bool,
 }
 
-/// Renders a prediction into its own source. Measures [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`], and warns
-/// if they contradict the reading of its file. For chosen sources, also tries other readings. A setting that is
-/// suggested only by the stored numbers is dropped if the photograph is explained without it.
+/// Renders a prediction into its own source and measures [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`]. For
+/// chosen sources, also tries other readings of the file and warns if one matches better. Drops the prediction's own
+/// warnings about a setting if the rendering contradicts them.
 ///
 /// # Errors
 /// If rendering fails.
@@ -235,7 +235,8 @@ pub(in crate::evaluate) fn absurd_coverage(
     let scales = &prediction.gaussians.scales;
     let widest = |&k: &usize| f64::from(scales[k].into_iter().fold(0.0, f32::max));
     let middle = median_of(seen.members.iter().map(widest).collect());
-    // The first other form of logarithms that is possible and gives less coverage.
+    // The first form of the standard deviations, other than natural logarithms, that the numbers allow and that gives
+    // less coverage.
     let stored = prediction.reading.map(|reading| reading.stored);
     let forms = [StoredScales::Linear, StoredScales::Log10].into_iter();
     let form = forms.filter(|_| stored.is_some_and(|form| form.scales == Some(StoredScales::Log)));
@@ -271,7 +272,7 @@ struct Findings<'a> {
     /// Start of each sentence: how well the Gaussians, as read, reproduce the photograph.
     shown: String,
     as_read: Likeness,
-    /// Like `as_read`, but of a rendering of this part alone, as for all other readings.
+    /// Like `as_read`, but for a rendering of only this part, as in the comparisons of all other readings.
     compared: Likeness,
     better: Option<(FileReading, Likeness)>,
     other: Option<OtherView<'a>>,
@@ -366,7 +367,7 @@ impl<'a> Findings<'a> {
         Ok(found)
     }
 
-    /// Whether a comparison is closer than those with another reading, another view or turned quaternions.
+    /// Whether a comparison has a smaller error than those with another reading, another view or turned quaternions.
     fn is_best(&self, fit: &Likeness) -> bool {
         let better = self.better.iter().map(|(_, fit)| fit);
         let turned = self.turned.iter().map(|(_, fit)| fit);
@@ -415,13 +416,14 @@ impl<'a> Findings<'a> {
                         _ => format!("`{setting}`"),
                     });
                 let named = named.collect::<Vec<_>>().join(" and ");
-                // If a setting fixes only half of the problem, report it once, together with the other
-                // half.
+                // If a setting fixes only half of the problem, it may have caused a warning of its own. Report it only
+                // once, together with the other half.
                 let half = settings
                     .iter()
                     .find(|s| prediction.warnings.contains_key(*s));
                 let half = half.filter(|_| settings.len() > 1);
-                // Another order of quaternions turns Gaussians at random, which also covers holes.
+                // Holes may be the cause instead: another order of quaternions turns Gaussians at random, which fills
+                // holes.
                 let may_cover = matches!(changes[..], [("quaternions", _)])
                     && fit.psnr() < self.compared.psnr() + WEAK_DB;
                 let holes = if may_cover && self.holes >= MIN_HOLES {
@@ -530,7 +532,7 @@ fn add_doubts(
             )
         }))
     };
-    // A setting that explains little, or another form of scales, may only compensate for wrong standard deviations.
+    // A setting that gains little, or another form of scales, may only compensate for wrong standard deviations.
     let is_weak = |(better, fit): &(FileReading, Likeness)| {
         fit.psnr() < found.compared.psnr() + WEAK_DB
             || matches!(better.changes_from(reading)[..], [("scales", _)])
@@ -542,7 +544,7 @@ fn add_doubts(
         return Ok(());
     }
     warnings.extend(found.cause(prediction, reading));
-    // Means in another view's camera do not suggest another unit.
+    // If means are in another view's camera space, their depths do not suggest another unit.
     let is_placed_elsewhere = found.other.as_ref().is_some_and(|other| other.is_frame);
     if found.better.is_some() || is_placed_elsewhere {
         return Ok(());
@@ -572,7 +574,7 @@ fn add_doubts(
     Ok(())
 }
 
-/// Whether another reading, found on a part of the photograph, is also better on the whole photograph.
+/// Whether another reading, found on a part of the photograph, is also better on the whole of it.
 fn is_confirmed(
     trial: &Trial<'_>,
     gaussians: &Gaussians,
@@ -600,8 +602,8 @@ fn between_pixels(photograph: &RgbImage) -> RgbImage {
     })
 }
 
-/// Whether Gaussians over the photograph's mean colour are no closer to the photograph than that colour alone. Correct
-/// Gaussians are closer, even if blurred or sparse.
+/// Whether Gaussians in front of the photograph's mean colour are no closer to the photograph than that colour alone.
+/// Correct Gaussians are closer, even if blurred or sparse.
 fn shows_nothing(photograph: &RgbImage, over_mean: &RgbImage) -> bool {
     let whole = Region::whole(photograph.dimensions());
     Likeness::of(photograph, whole, over_mean).is_unrelated()

@@ -7,7 +7,7 @@ use std::path::Path;
 /// Number of bytes kept at each end of a long log.
 const KEPT: u64 = 2 << 20;
 
-/// Size at which a log is cut, in bytes. It is well above the kept size, so that cuts are rare.
+/// Size at which a log is cut, in bytes: well above what is kept, so that cuts are rare.
 const LONGEST: u64 = 4 * KEPT;
 
 /// An append-only log file of at most [`LONGEST`] bytes.
@@ -15,9 +15,9 @@ const LONGEST: u64 = 4 * KEPT;
 pub(super) struct ProgramLog {
     file: File,
     len: u64,
-    /// Bytes cut out since the log was opened.
+    /// Number of bytes cut out since the log was opened.
     cut: u64,
-    /// Length of the line that reports the cut. The line follows the kept beginning.
+    /// Length of the line that reports the cut, directly after the kept beginning.
     note: u64,
 }
 
@@ -51,7 +51,7 @@ impl ProgramLog {
         let mut end = Vec::new();
         self.file.seek(SeekFrom::Start(self.len - KEPT))?;
         (&self.file).take(KEPT).read_to_end(&mut end)?;
-        // Start at the beginning of a line, unless lines are too long.
+        // Keep whole lines at the end, unless the first of them is too long.
         let start = end.iter().take(1 << 16).position(|byte| *byte == b'\n');
         let end = &end[start.map_or(0, |at| at + 1)..];
         self.cut += self.len - KEPT - self.note - end.len() as u64;

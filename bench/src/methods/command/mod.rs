@@ -36,10 +36,9 @@ use crate::io::rendering_files::write_png;
 
 /// Runs a program for all pairs of a run.
 ///
-/// The shell starts the program at the first pair; further pairs are sent to its standard input.
-/// After a crash, a timeout or an invalid answer, the failure is recorded for the current pair
-/// alone, and the program is restarted for the next. It is not started again if it ended three
-/// times without ever answering.
+/// The shell starts the program at the first pair; further pairs are sent to its standard input. If the program
+/// crashes, exceeds the timeout or answers invalidly, only the current pair fails, and the program is restarted for the
+/// next pair. After three starts without any answer, it is not started again.
 ///
 /// The hashes of the files named in the command line and in `files=` are part of the identity. Anything else that
 /// changes predictions, such as a Python environment or a folder of data, must be described in `version=`.
@@ -66,10 +65,11 @@ struct State {
     process: Option<Process>,
     log: Option<Arc<Mutex<ProgramLog>>>,
     scratch: Option<TempDir>,
-    /// What the scratch folder holds: SHA-256 of the source's picture and depth, and the stamps of their files.
+    /// Contents of the scratch folder: SHA-256 of the source's picture and depth, and the stamps of the files with
+    /// them.
     source: Option<(String, Vec<Option<FileStamp>>)>,
     has_answered: bool,
-    /// Number of starts without any answer.
+    /// Number of times that the program was started and ended without any answer.
     failed_starts: usize,
     /// Reason for not starting the program again.
     given_up: Option<String>,
@@ -187,7 +187,7 @@ impl Command {
                 },
                 Err(Trouble::Ended) => {
                     let ended = process.stop();
-                    // A program may exit successfully after a pair. It is then started again for the next pair.
+                    // A program may exit successfully after an answer. Then start it again for this pair.
                     if !fresh && ended.succeeded() {
                         continue;
                     }
@@ -215,7 +215,7 @@ impl Command {
     }
 }
 
-/// Warnings about files whose changes may go unnoticed.
+/// Warnings about files in the command line whose changes may go unnoticed.
 fn notes_of(files: &NamedFiles) -> Vec<String> {
     let absent = files.absent.iter().map(|word| {
         format!(
@@ -232,7 +232,7 @@ fn notes_of(files: &NamedFiles) -> Vec<String> {
     absent.chain(unseen).collect()
 }
 
-/// The files that match a pattern, searched below its longest prefix without wildcards.
+/// The files that match a pattern, searched for below the pattern's longest prefix without wildcards.
 fn matching(pattern: &str) -> Result<Vec<PathBuf>, String> {
     let matcher = globset::GlobBuilder::new(pattern)
         .literal_separator(true)
@@ -277,7 +277,7 @@ fn matching(pattern: &str) -> Result<Vec<PathBuf>, String> {
 }
 
 impl State {
-    /// Writes the source's picture and depth into a scratch folder.
+    /// Writes the source's picture and depth into a scratch folder, unless they are already there.
     fn source_files(
         &mut self,
         source: &SourceView,
@@ -329,7 +329,7 @@ impl Method for Command {
         settings.insert("version".to_owned(), self.version.clone());
         if !self.files.is_empty() {
             let mut hash = StableHasher::default();
-            // Independent of the files' names and locations.
+            // Hash only contents, in sorted order, so that the files' names and locations do not matter.
             let mut hashes: Vec<&str> = self.files.iter().map(HashedFile::sha256).collect();
             hashes.sort_unstable();
             for one in hashes {
@@ -354,7 +354,8 @@ impl Method for Command {
     }
 
     fn begin(&self, logs: &Path, scratch_in: &Path) {
-        // A second run of the same instance appends to the first one's log.
+        // Only the first call has an effect: if this instance is used in a second run, it continues the first run's
+        // log.
         let log = logs.join(format!("{}.log", self.label));
         let _ = self.places.set((log, scratch_in.to_owned()));
     }
@@ -408,7 +409,7 @@ impl Command {
         let scratch_in = self.places.get().map_or(&elsewhere, |(_, folder)| folder);
         let files = state.source_files(source, scratch_in)?;
         let write_to = files.picture.with_file_name("prediction.png");
-        // Remove the file of an earlier pair, which could be mistaken for this pair's.
+        // A file left by an earlier pair could be mistaken for this pair's picture.
         if let Err(error) = std::fs::remove_file(&write_to)
             && error.kind() != std::io::ErrorKind::NotFound
         {

@@ -1,7 +1,7 @@
 //! The process of a method: started by the shell, queried line by line, and always terminated.
 //!
 //! Written by hand, because crates for process groups (`process-wrap`) only wrap std's `process_group`. Most of this
-//! file is what they do not offer: deadlines for lines, and clean-up when this process is killed.
+//! file is what they do not offer: deadlines for lines, and killing the program if this process is killed.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::Path;
@@ -17,7 +17,7 @@ use super::protocol::{VERSION, excerpt, no_answer};
 /// Maximum length of an answer line, in bytes.
 const LONGEST_LINE: u64 = 1 << 20;
 
-/// Number of unread answer lines that are buffered. A program that writes more is blocked until they are read.
+/// Maximum number of unread answer lines. A program that writes more is blocked until a line is read.
 const LINES_AHEAD: usize = 2;
 
 /// How long a program may run after its input is closed.
@@ -68,7 +68,7 @@ impl Ended {
         self.status.is_some_and(|status| status.success())
     }
 
-    /// One line: `what` happened, the exit status, and the last line of standard error.
+    /// One line: what happened (`what`), the exit status, and the last line of standard error.
     pub(super) fn describe(&self, what: &str) -> String {
         let mut text = what.to_owned();
         if let Some(status) = self.status {
@@ -164,8 +164,8 @@ impl Process {
         }
     }
 
-    /// Whether the program has exited. It stays a zombie, so that its id, which is also its group's
-    /// id, is not reused.
+    /// Whether the program has exited. Does not reap it: while it is a zombie, its id, which is also the id of its
+    /// group, is not reused.
     fn has_ended(&mut self) -> bool {
         #[cfg(unix)]
         {
@@ -191,7 +191,8 @@ impl Process {
     }
 
     fn end(&mut self, grace: Duration) -> Ended {
-        // If the program is to be killed at once, keep its input open, because it could react to the end of input.
+        // With a grace of zero, keep the program's input open, because the program could react to its end before it is
+        // killed.
         if !grace.is_zero() {
             self.stdin = None;
         }
@@ -201,7 +202,7 @@ impl Process {
             thread::sleep(Duration::from_millis(5));
             has_ended = self.has_ended();
         }
-        // Also terminate its child processes, even if it exited by itself.
+        // Even if the program exited by itself, its child processes may still run.
         kill_group(&mut self.child);
         let status = self.child.wait().ok();
         // Report the exit status only if the program exited by itself.
@@ -226,7 +227,7 @@ impl Process {
 
 impl Drop for Process {
     fn drop(&mut self) {
-        // `stderr` is still present unless `end` has already run.
+        // `end` takes `stderr`; if it is still present, the process has not been ended yet.
         if self.stderr.is_some() {
             self.end(GRACE);
         }
@@ -258,14 +259,14 @@ fn shell(run: &str) -> Command {
         .env("SHARP_BENCH_PROTOCOL", VERSION.to_string());
     #[cfg(unix)]
     {
-        // Its own process group, so that its children can be terminated with it.
+        // Start the program in its own process group, so that its children can be terminated with it.
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
     }
     command
 }
 
-/// Starts a watchdog, a shell that waits for a line on its standard input. If this process dies, the input ends without
-/// a line, and the watchdog kills the process group `group`.
+/// Starts a shell that watches this process by waiting for a line on standard input. If this process dies, the input
+/// ends without a line, and the shell kills the process group `group`.
 #[cfg(unix)]
 fn watchdog(group: u32) -> io::Result<Child> {
     use std::os::unix::process::CommandExt;
@@ -275,7 +276,7 @@ fn watchdog(group: u32) -> io::Result<Child> {
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
-        // Its own group, so that a signal from the terminal does not end it before us.
+        // In a group of its own, the watchdog survives signals that the terminal sends to this process.
         .process_group(0)
         .spawn()
 }
@@ -292,11 +293,11 @@ fn dismiss(watchdog: &mut Child) {
 fn kill_group(child: &mut Child) {
     #[cfg(unix)]
     if let Ok(group) = libc::pid_t::try_from(child.id()) {
-        // SAFETY: a system call without pointers. The child has not been waited for, so its id, which is its group's,
-        // cannot have been reused.
+        // SAFETY: a system call without pointers. The child has not been waited for, so its id, which is also that of
+        // its group, cannot have been reused.
         unsafe { libc::kill(-group, libc::SIGKILL) };
     }
-    // Fallback without process groups, or if the program left its group.
+    // In case there are no process groups, or the program left its group.
     let _ = child.kill();
 }
 

@@ -130,7 +130,7 @@ pub(super) fn no_answer(line: &str) -> String {
     )
 }
 
-/// The beginning of a text, for an error.
+/// The beginning of a text, for use in an error.
 pub(super) fn excerpt(text: &str) -> String {
     const CHARS: usize = 80;
     let mut short: String = text.chars().take(CHARS).collect();

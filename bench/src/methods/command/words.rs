@@ -10,8 +10,7 @@ pub(super) struct NamedFiles {
     pub(super) found: Vec<PathBuf>,
     /// Words that look like files but do not exist.
     pub(super) absent: Vec<String>,
-    /// Words that may refer to further files, which are not hashed: folders, command substitutions,
-    /// braces.
+    /// Words that may stand for further files (folders, command substitutions, braces). These files are not hashed.
     pub(super) unseen: Vec<String>,
 }
 
@@ -38,9 +37,9 @@ const ENDINGS: [&str; 19] = [
     "yml",
 ];
 
-/// Looks up every word, including values after `--option=` and `NAME=`, with quotes and variables
-/// resolved, relative to `folder` and to the folders that `cd` enters. Words that only the shell
-/// can expand (`$(…)`, braces) are returned as unseen.
+/// Looks up every word of `line`, including values after `--option=` and `NAME=`. Resolves quotes and variables, and
+/// takes paths as relative to `folder` and to the folders that `cd` enters. Words that only the shell can expand
+/// (`$(…)`, braces) are returned as unseen.
 pub(super) fn named_files(
     line: &str,
     folder: &Path,
@@ -66,7 +65,7 @@ pub(super) fn named_files(
             }
             continue;
         }
-        // Assignments precede the command.
+        // Assignments may precede the command's name.
         is_first &= is_assignment(&text);
         if std::mem::replace(&mut is_module, text == "-m") {
             let module = folder.join(text.replace('.', "/"));
@@ -119,11 +118,11 @@ pub(super) fn named_files(
     named
 }
 
-/// Adds the Python modules next to a script that it imports, and the modules that these import.
+/// Adds the Python modules that the scripts in `found` import from their own folders, and what these modules import.
 fn add_imports(found: &mut Vec<PathBuf>) {
     let is_script = |path: &&PathBuf| path.extension().is_some_and(|e| e == "py");
     let mut open: Vec<PathBuf> = found.iter().filter(is_script).cloned().collect();
-    // Modules are searched for next to the script, and modules of a package next to the package's other modules.
+    // Search for modules next to each script, and for modules of a package next to its other modules.
     let mut roots: BTreeSet<PathBuf> = open.iter().map(|path| folder_of(path)).collect();
     while let Some(path) = open.pop() {
         let text = std::fs::read_to_string(&path).unwrap_or_default();

@@ -16,8 +16,8 @@ use crate::pairs::overlap_cache::{DepthFacts, Overlaps, SceneOverlaps};
 use crate::pairs::valid_depth::density;
 
 /// Peak memory while reading a view's depth, as a multiple of the map's own size: twice for the unpacked file with
-/// 64-bit numbers, and once for the resulting map. Later steps need only twice the size. A scan shared by all views is
-/// not included, nor are a prediction and its ratios to sparse depth, if depth is predicted.
+/// 64-bit numbers, and once for the resulting map. Later steps need only twice the size. Not included are a scan that
+/// all views share and, for predicted depth, the prediction and its ratios to sparse depth.
 const COPIES_WHILE_READING: u64 = 3;
 
 /// Index of a view whose depth could not be read, and the error.
@@ -25,7 +25,7 @@ pub(super) type DepthFailure = (usize, PairError);
 
 type HeldDepths = BTreeMap<usize, PosedDepth>;
 
-/// Measures the overlaps of a scene that are not known yet.
+/// Measures those overlaps of a scene that are not known yet.
 pub(super) struct Measuring<'a> {
     scene: &'a Scene,
     options: &'a PairOptions,
@@ -54,9 +54,9 @@ impl<'a> Measuring<'a> {
         self.learnt.get()
     }
 
-    /// Measures the unknown overlaps of those pairs in a set of views whose baseline is in the requested range. Depth
-    /// is loaded in blocks of views, two of which fit into memory. One block usually suffices; each view is then read
-    /// once.
+    /// Measures, for all pairs in a set of views with a baseline in the requested range, the overlaps that are unknown.
+    /// If the set's depth does not fit into memory, it is loaded in blocks of views, two at a time; otherwise each view
+    /// is read once.
     pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
         let block = self.views_in_memory(set) / 2;
@@ -84,7 +84,7 @@ impl<'a> Measuring<'a> {
         failures
     }
 
-    /// Determines which views have depth, where that is not known yet.
+    /// Reads the depth of those views for which it is not known whether they have depth.
     pub(super) fn find_depth(
         &self,
         views: &[usize],
@@ -99,7 +99,8 @@ impl<'a> Measuring<'a> {
         failures
     }
 
-    /// Pairs of views (a, b) with a < b, one from each block, whose overlap is unknown.
+    /// Pairs of views (a, b) with a < b, a in the first and b in the second block, whose overlap is unknown and whose
+    /// baseline is in the requested range.
     fn unknown_couples(
         &self,
         first: &[usize],
@@ -119,7 +120,7 @@ impl<'a> Measuring<'a> {
             .collect()
     }
 
-    /// Number of depth maps of a set that fit into memory; at least two.
+    /// Number of depth maps of the views in `set`, as reduced, that fit into memory; at least two.
     fn views_in_memory(&self, set: &[usize]) -> usize {
         let bytes = |view: &View| {
             let longer = u64::from(view.intrinsics.width.max(view.intrinsics.height));
@@ -130,7 +131,7 @@ impl<'a> Measuring<'a> {
         self.fitting(set, bytes).max(2)
     }
 
-    /// Number of depth maps that may be read at the same time; at least one.
+    /// Number of depth maps that may be read at the same time without exceeding the memory limit; at least one.
     fn views_at_once(&self, views: &[usize]) -> usize {
         self.fitting(views, |view| COPIES_WHILE_READING * full_bytes(view))
             .max(1)
@@ -152,7 +153,8 @@ impl<'a> Measuring<'a> {
         failures: &mut Vec<DepthFailure>,
     ) {
         views.retain(|i| !held.contains_key(i) && !known.has_none(*i));
-        // The progress callback in the context must stay on this thread.
+        // Copy what the closure needs: it runs on other threads, and the context's progress callback must stay on this
+        // one.
         let (scene, source, max_side) = (self.scene, self.context.depth, self.how.max_side);
         let stop = self.context.stop;
         let load_one = |&i: &usize| -> Result<Option<(DepthFacts, PosedDepth)>, PairError> {

@@ -16,8 +16,8 @@ use super::overlap_cache::OverlapCache;
 use super::sampling::sample;
 use super::{Pair, PairError};
 
-/// What pair building needs besides scenes and options. Only one of these inputs affects which pairs are built: the
-/// source of depth.
+/// Inputs of pair building other than scenes and options. Of these, only the source of depth affects which pairs are
+/// built.
 #[derive(Clone)]
 pub struct BuildContext<'a> {
     pub depth: &'a dyn DepthSource,
@@ -26,8 +26,8 @@ pub struct BuildContext<'a> {
     /// Memory limit for depth maps held at once, bytes; at least two maps are always held.
     pub depth_memory_bytes: u64,
     pub cache: Option<&'a OverlapCache>,
-    /// Reader settings of each dataset as stable text, keyed by dataset name. They are part of the cache key, because
-    /// depth depends on them.
+    /// Reader settings of each dataset as stable text, keyed by dataset name. Part of the cache key, because depth
+    /// depends on the settings.
     pub settings: BTreeMap<String, String>,
     /// Whether to hash photographs; not needed for counting.
     pub hash_photographs: bool,
@@ -72,7 +72,7 @@ impl PairBuild {
         self.problems.extend(other.problems);
     }
 
-    /// The views left out, with the first reason for each.
+    /// For each view that was left out, the first problem that caused it.
     pub fn left_out(&self) -> impl Iterator<Item = &Problem> {
         let mut seen = BTreeSet::new();
         let needed = self.problems.iter().filter(|problem| problem.is_left_out);
@@ -88,8 +88,8 @@ impl PairBuild {
     }
 }
 
-/// Below this [`density`](crate::pairs::valid_depth::density), a view's depth counts as sparse, because projected points
-/// rarely hit a pixel with depth.
+/// A view's depth counts as sparse if its [`density`](crate::pairs::valid_depth::density) is below this: projected
+/// points then rarely hit a pixel with depth.
 pub const SPARSE_DENSITY: f64 = 0.3;
 
 /// Counts of a dataset's pairs after each step of the selection.
@@ -99,10 +99,10 @@ pub struct PairCounts {
     pub views: usize,
     /// Views of multi-view scenes known to have depth.
     pub with_depth: usize,
-    /// Views among `with_depth` with a density of depth below [`SPARSE_DENSITY`].
+    /// Views among `with_depth` whose depth has a density below [`SPARSE_DENSITY`].
     pub with_sparse_depth: usize,
     pub sets: usize,
-    /// Ordered pairs within the sets.
+    /// Ordered pairs of views of one set.
     pub considered: usize,
     /// Considered pairs closer than the minimum baseline.
     pub too_near: usize,
@@ -117,7 +117,7 @@ pub struct PairCounts {
 }
 
 impl PairCounts {
-    /// Whether depth is sparse in most of the views that have it.
+    /// Whether most views with depth have sparse depth.
     pub fn is_sparse(&self) -> bool {
         2 * self.with_sparse_depth > self.with_depth
     }
@@ -131,8 +131,7 @@ pub struct Problem {
     pub view: String,
     /// The reason, which names the file.
     pub reason: String,
-    /// Whether the view is left out because its pairs need the file. Stereo pairs do not need
-    /// depth, nor do other pairs under
+    /// Whether the view is left out because its pairs need the file. Depth is not needed for stereo pairs, nor under
     /// [`MissingDepth::Accept`](super::options::MissingDepth::Accept).
     pub is_left_out: bool,
 }

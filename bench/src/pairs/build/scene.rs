@@ -28,7 +28,7 @@ pub(super) struct SceneWork<'a> {
     is_dirty: bool,
     /// When the cache was last written.
     last_saved: Instant,
-    /// Problems already reported, each with the index of its view.
+    /// Reported problems, by view index and text, so that each is reported once.
     noted: BTreeSet<(usize, String)>,
 }
 
@@ -64,7 +64,7 @@ impl<'a> SceneWork<'a> {
         }
     }
 
-    /// Runs `work` to measure what is missing, and reports unreadable depth.
+    /// Runs `work`, which measures missing depth facts and overlaps, and reports depth that it could not read.
     fn measuring(&mut self, work: impl Fn(&Measuring, &mut SceneOverlaps) -> Vec<DepthFailure>) {
         let measuring = Measuring::new(self.scene, self.options, self.context);
         let needed = self.scene.pairing == Pairing::MultiView
@@ -73,7 +73,8 @@ impl<'a> SceneWork<'a> {
             self.problem(view, &error, needed);
         }
         self.is_dirty |= measuring.has_learnt();
-        // The table is written as a whole: writing it after every set would take quadratic time in a long scene.
+        // Limit the rate: the table is written as a whole, so writing it after every set would take quadratic time in a
+        // long scene.
         if self.last_saved.elapsed() > KEEP_EVERY {
             self.keep();
         }
@@ -95,7 +96,7 @@ impl<'a> SceneWork<'a> {
             .or_default()
     }
 
-    /// Builds the pairs from one view to several others, regardless of overlap.
+    /// Builds the pairs from one view to each of the `targets`, regardless of overlap.
     pub(super) fn one_to_others(&mut self, source: usize, targets: &[usize]) {
         let views = self.scene.views.len();
         let counts = self.counts();
@@ -115,7 +116,7 @@ impl<'a> SceneWork<'a> {
         }
     }
 
-    /// Builds the pairs within the sets of a multi-view scene.
+    /// Builds the pairs of a multi-view scene. Both views of a pair are in one set.
     pub(super) fn multi_view(&mut self) {
         let scene = self.scene;
         let views = self.views_in_sets();
@@ -157,7 +158,7 @@ impl<'a> SceneWork<'a> {
         counts.with_sparse_depth += known.iter().filter(|c| **c < SPARSE_DENSITY).count();
     }
 
-    /// The views from which sets are formed.
+    /// Indices of the views from which sets are formed.
     fn views_in_sets(&mut self) -> Vec<usize> {
         let all: Vec<usize> = (0..self.scene.views.len()).collect();
         if self.options.missing_depth != MissingDepth::LeaveOut {
@@ -190,7 +191,8 @@ impl<'a> SceneWork<'a> {
         enough
     }
 
-    /// Whether the distance between two views is in the requested range; if not, counts the pair accordingly.
+    /// Whether the distance between two views is in the requested range. If not, counts the pair as too near or too
+    /// far.
     fn is_in_range(&mut self, source: usize, target: usize) -> bool {
         let metres = self.baseline(source, target);
         let options = self.options;
@@ -207,7 +209,7 @@ impl<'a> SceneWork<'a> {
         baseline_m(pose(a), pose(b))
     }
 
-    /// Adds rows for qualified `(source, target, set)`, except those whose photographs cannot be read.
+    /// Adds rows for the qualified pairs, given as `(source, target, set)`, except those with an unreadable photograph.
     fn add(&mut self, qualified: &[(usize, usize, Option<u32>)]) {
         let mut used: BTreeSet<usize> = qualified.iter().flat_map(|&(s, t, _)| [s, t]).collect();
         used.retain(|_| self.context.hash_photographs);

@@ -19,9 +19,9 @@ const PNG_UNIT_M: f64 = 0.001;
 
 /// Reads `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`, each part percent-encoded as in pair ids.
 ///
-/// The maps are z-depth (neither disparity nor ray length) for the scored pictures, which `cameras export` writes:
+/// The maps are z-depth (neither disparity nor ray length) of the scored pictures, which `cameras export` writes:
 /// floats in metres, or 16-bit PNG in millimetres. Values that are not finite or not positive mean no depth. A map of
-/// another size with the same aspect ratio is resized to the picture by nearest-pixel sampling.
+/// another size but the picture's aspect ratio is resized to the picture by nearest-pixel sampling.
 #[derive(Debug, Clone)]
 pub struct GivenDepth {
     dir: PathBuf,
@@ -37,7 +37,7 @@ impl GivenDepth {
         })
     }
 
-    /// The number of views that have a map, and one SHA-256 over all these maps and their names.
+    /// The number of views that have a map, and a single SHA-256 of these maps and their names.
     ///
     /// # Errors
     /// [`PairError::Depth`] if a view has two maps, [`PairError::File`] if a map cannot be read.
@@ -61,8 +61,8 @@ impl GivenDepth {
     }
 }
 
-/// The depth map `stem` with one of `EXTENSIONS`. A PNG next to a map in floats is ignored, because it is probably a
-/// visualisation.
+/// The depth map at the path `stem` plus one of `EXTENSIONS`, if any. A PNG next to a map in floats is ignored, because
+/// it is probably a visualisation.
 ///
 /// # Errors
 /// [`PairError::Depth`] if there are two maps.
@@ -84,7 +84,7 @@ pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
     }
 }
 
-/// A file's z-depth in metres, at its own resolution; 0 where unknown.
+/// Reads a file's z-depth in metres, at the file's resolution; 0 where unknown.
 ///
 /// # Errors
 /// The error names the file.
@@ -121,7 +121,7 @@ impl DepthSource for GivenDepth {
         let map = read_metres(&file)?;
         let (w, h) = map.dimensions();
         let (to_w, to_h) = (view.intrinsics.width, view.intrinsics.height);
-        // Tolerate rounding, which may put the other side one pixel off the exact aspect ratio.
+        // Rounding to whole pixels may put a side one pixel off the exact aspect ratio.
         let other = f64::from(w) * f64::from(to_h) / f64::from(to_w);
         if (w, h) != (to_w, to_h) && (other - f64::from(h)).abs() > 1.0 {
             return Err(PairError::DepthSize {

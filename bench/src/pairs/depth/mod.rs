@@ -19,7 +19,7 @@ use super::valid_depth::{is_valid_depth, median_of};
 
 /// Source of the depth used for overlap.
 pub trait DepthSource: Sync {
-    /// Depth of a view at its image's size; `None` if there is none.
+    /// Depth of a view at the size of its photograph; `None` if the view has no depth.
     fn depth(&self, scene: &Scene, view: &View) -> Result<Option<DepthMap>, PairError>;
 
     /// Stable name for the record of a run (`ground-truth`, …).
@@ -131,8 +131,7 @@ impl PosedDepth {
         &self.depth
     }
 
-    /// The same view, its longer side reduced to `max_side` pixels by nearest-pixel sampling. Returned unchanged if the
-    /// longer side has at most `max_side` pixels.
+    /// The same view with its longer side reduced to at most `max_side` pixels by nearest-pixel sampling.
     #[must_use]
     pub fn reduced(self, max_side: u32) -> Self {
         let (w, h) = self.depth.dimensions();

@@ -21,8 +21,8 @@ pub enum DepthNetwork {
     DepthPro,
 }
 
-/// Depth predicted by a network from the photograph and the dataset's focal length, with the network used as its
-/// authors do. Runs once per view.
+/// Depth predicted by a network from the photograph and the dataset's focal length, in the way that the network's
+/// authors use it. The network runs once per view.
 pub struct PredictedDepth {
     network: NetworkSpec,
     kind: DepthNetwork,
@@ -39,8 +39,9 @@ impl PredictedDepth {
     /// Creates a source from a checkpoint; its weights are loaded on first use.
     ///
     /// # Errors
-    /// If the checkpoint cannot be read, or Depth Pro was requested and the checkpoint is of another network. Whether a
-    /// checkpoint is SHARP's is not checked here, because [`named_network`](crate::io::checkpoint::named_network) does
+    /// If the checkpoint cannot be read, or Depth Pro was requested and the checkpoint is of another network. Does not
+    /// check whether a checkpoint is SHARP's: [`named_network`](crate::io::checkpoint::named_network) does so when it
+    /// finds the configuration.
     /// so when it finds the configuration.
     pub fn new(network: NetworkSpec, kind: DepthNetwork) -> Result<Self, PairError> {
         let source = Self {

@@ -9,7 +9,7 @@ use super::{Context, ForeignCounts, FrameName, ListForm, TargetSlot};
 
 pub(super) type Wrong = (u64, String);
 
-/// Views of one scene as named in a list.
+/// A scene's source and target views, as named in a list.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Entry {
     /// Line on which the entry begins.
@@ -57,7 +57,7 @@ struct SevaSplit {
     test_ids: Vec<FrameName>,
 }
 
-/// A list of positions; null is rejected with an error that explains what to write instead.
+/// Parses a list of positions. Rejects null with an error that says what to write instead.
 fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<FrameName>, D::Error> {
     let places: Option<Vec<u32>> = Option::deserialize(deserializer)?;
     let places = places.ok_or_else(|| {
@@ -73,7 +73,8 @@ pub(super) struct NamedPair {
     pub(super) scene: Option<String>,
     pub(super) source: FrameName,
     pub(super) target: FrameName,
-    /// The highest position among all views of the entry, including those that this pair does not use.
+    /// The highest position of any view in the entry, even if this pair does not use the view; `None` for other kinds
+    /// of names.
     pub(super) last: Option<FrameName>,
 }
 
@@ -109,7 +110,7 @@ impl<'de> Deserialize<'de> for Index {
     }
 }
 
-/// Checks that a scene's name cannot lead out of a folder.
+/// Rejects a scene's name that, as a path, would lead out of a folder.
 fn checked_key(key: &str) -> Result<&str, String> {
     let is_absolute = key.starts_with(['/', '\\']) || key.get(1..2) == Some(":");
     let leads_out = key.split(['/', '\\']).any(|part| part == "..");
@@ -193,8 +194,8 @@ pub(super) fn counts(entries: &[Entry]) -> ForeignCounts {
 }
 
 impl Entry {
-    /// The pairs in order. If an entry has several input views, `context` chooses one for each target. If its format
-    /// lists three kinds of targets, only targets of the kind `slot` are used.
+    /// The pairs in order. If an entry has several input views, `context` selects one for each target. In formats with
+    /// three kinds of targets, only targets of the kind `slot` are used.
     pub(super) fn pairs(
         &self,
         form: ListForm,
@@ -208,7 +209,7 @@ impl Entry {
                 (Context::First, &self.targets[slot as usize..][..1])
             }
         };
-        // A position beyond the scene shows that the list counts from 1, so check the highest one.
+        // Record the highest position, because a position beyond the scene shows that the list counts from 1.
         let last = self.inputs.iter().chain(targets).max().cloned();
         let last = last.filter(|_| matches!(form, ListForm::Index | ListForm::Seva));
         let pair = |target: &FrameName| {
@@ -289,7 +290,7 @@ fn mine_line(number: u64, line: MineLine) -> Result<Entry, Wrong> {
 
 fn manifest_line(number: u64, line: &str) -> Result<Entry, String> {
     let fields: Vec<&str> = line.split('|').collect();
-    // If the first of four fields is a chunk of scenes, the second is the scene.
+    // If the first of four fields names a chunk of scenes, the second names the scene.
     let (scene, source, targets) = match fields[..] {
         [chunk, scene, source, targets] if chunk.ends_with(".torch") => (scene, source, targets),
         [scene, source, targets] | [scene, _, source, targets] => (scene, source, targets),

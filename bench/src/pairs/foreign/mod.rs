@@ -78,14 +78,14 @@ pub struct ForeignList {
 pub(in crate::pairs) enum FrameName {
     /// Index in the scene's frames, from 0.
     Position(u32),
-    /// A file's stem or name, a frame's number or a time stamp.
+    /// A file's name with or without extension, a frame's number, or a time stamp.
     Name(String),
 }
 
 /// Numbers of entries and targets in a list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct ForeignCounts {
-    /// Number of scenes or lines.
+    /// Number of scenes or, in formats with one entry per line, lines.
     pub entries: usize,
     /// Entries with at least one target.
     pub with_pairs: usize,
@@ -127,9 +127,9 @@ impl ForeignList {
         forms::counts(&self.entries)
     }
 
-    /// Finds the list's pairs in the scenes of datasets. A name in the list matches a scene whose id is the name, or
-    /// ends with the name after a `/`. Repeated pairs are added once. All pairs are selected; their overlaps and depths
-    /// are not measured.
+    /// Finds the list's pairs in the scenes of datasets. A scene matches a name in the list if its id is the name, or
+    /// ends with `/` and the name. Repeated pairs are added once. All pairs are selected; their overlaps and depths are
+    /// not measured.
     ///
     /// # Errors
     /// [`PairError::List`] if a listed view is missing from its scene, a scene of the list matches several scenes, or
@@ -237,7 +237,7 @@ impl ImportedPairs {
     }
 }
 
-/// Index of the view in its scene. Errors do not name the list.
+/// Index, within its scene, of the view named `frame`. Errors do not name the list.
 fn found(scene: &Scene, frame: &FrameName) -> Result<usize, String> {
     let count = scene.views.len();
     match frame {

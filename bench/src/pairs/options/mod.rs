@@ -57,7 +57,7 @@ pub enum OverlapDirection {
 }
 
 impl OverlapDirection {
-    /// The value that is compared with the threshold.
+    /// The one of the two overlaps, or their combination, that is compared with the threshold.
     pub fn of(self, target_in_source: f64, source_in_target: f64) -> f64 {
         match self {
             Self::TargetInSource => target_in_source,
@@ -77,7 +77,7 @@ pub enum OverlapDepth {
     Auto,
     /// The dataset's own depth, pixel by pixel.
     GroundTruth,
-    /// The dataset's own, sparse depth: a point counts as seen if a measured depth within `radius` pixels of its
+    /// The dataset's own, sparse depth. A point counts as seen if any measured depth within `radius` pixels of its
     /// projection agrees.
     #[value(skip)]
     Sparse { radius: u32 },
@@ -119,8 +119,8 @@ impl fmt::Display for OverlapDepth {
 /// How pairs are made from scenes. [`PairOptions::help`] lists the keys of the text form with their values and
 /// defaults.
 ///
-/// Sets, depth and overlap apply to multi-view scenes. A stereo scene has a single pair; its overlap is measured, but
-/// the pair qualifies whatever the overlap is. `min-baseline` and the keys after it apply to both kinds of scenes.
+/// Sets, depth and overlap apply to multi-view scenes. A stereo scene has a single pair, which qualifies regardless of
+/// its overlap. `min-baseline` and the keys after it apply to both kinds of scenes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[schemars(with = "BTreeMap<String, String>")]
 #[serde(
@@ -172,7 +172,7 @@ impl PairOptions {
         metres >= self.min_baseline_m && self.max_baseline_m.is_none_or(|most| metres <= most)
     }
 
-    /// A copy with the changes in `text`, in the form that [`PairOptions`] are parsed from.
+    /// A copy with the changes in `text`, a comma-separated list of `key=value`.
     ///
     /// # Errors
     /// [`PairError::Options`] if a change cannot be parsed or contradicts the other options.
@@ -193,7 +193,7 @@ impl PairOptions {
         Ok(options)
     }
 
-    /// Options for measuring overlap, including those implied by the source of depth.
+    /// Options for measuring overlap, adjusted to the source of depth.
     pub fn measuring(&self) -> OverlapOptions {
         let mut options = self.overlap;
         if let OverlapDepth::Sparse { radius } = self.depth {

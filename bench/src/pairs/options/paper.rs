@@ -1,9 +1,8 @@
 //! Values that are known to differ from the paper's. Choices that the paper leaves open are not
 //! listed.
 //!
-//! The paper states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the
-//! dataset's depth if that is sparse, min(512, all) pairs, and for stereo datasets the pair from
-//! every left frame to its right one.
+//! The paper states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the dataset's depth where
+//! the latter is sparse, min(512, all) pairs, and for stereo datasets the pair from every left frame to its right one.
 
 pub use sharp_datasets::spec::PaperOverlap;
 
@@ -24,11 +23,11 @@ fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {
 /// The paper's maximum number of pairs per dataset.
 const LIMIT: usize = 512;
 
-/// Keys whose values are known to differ from the paper for at least one of the dataset kinds in `kinds`, in the order
-/// of the text form. `pairs` is the number of selected pairs.
+/// Keys whose values are known to differ from the paper's for at least one kind of dataset in `kinds`, in the order of
+/// the text form. `pairs` is the number of selected pairs.
 fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec<&'static str> {
     let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::Stereo);
-    // A limit that excluded no pair is equivalent to the paper's.
+    // A limit that excludes no pair has the same effect as the paper's.
     let cut_otherwise = match options.sampling.limit {
         Some(limit) if limit < LIMIT => pairs >= limit,
         Some(LIMIT) => false,
@@ -66,7 +65,7 @@ impl PairOptions {
         self.named(&differing(self, &[kind], pairs))
     }
 
-    /// `key=value` of every value that is known to differ from the paper's for any of its multi-view datasets.
+    /// The values that are known to differ from the paper's for any of its multi-view datasets, as `key=value`.
     pub fn proxies(&self) -> Vec<String> {
         self.named(&differing(
             self,

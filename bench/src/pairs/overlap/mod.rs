@@ -1,9 +1,9 @@
 //! Share of one view that is visible in another.
 //!
 //! The paper selects pairs by "depth overlap" above 60 % without defining it. Here overlap has a direction: the pixels
-//! of one view are unprojected by their depth and projected into the other view, where each counts as seen or not. All
-//! arithmetic is in f64 and the result is a count, so neither the number of threads nor the order of the pixels affects
-//! it.
+//! of one view are unprojected by their depth and projected into the other view, where each counts as seen or not.
+//! Arithmetic is in f64 and the result is a count, so it depends neither on the number of threads nor on the order of
+//! pixels.
 
 use clap::ValueEnum;
 use glam::{DAffine3, DVec3};
@@ -13,18 +13,18 @@ use rayon::prelude::*;
 use super::depth::PosedDepth;
 use super::valid_depth::is_valid_depth;
 
-/// Condition for a projected pixel to count as seen; it must also lie in front of the other camera and inside its
-/// image.
+/// Condition for a projected pixel to count as seen. In addition, it must be in front of the other camera and inside
+/// that camera's image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OverlapTest {
     Frustum,
-    /// The depth at that position differs by at most `relative · z` from the projected z.
+    /// The other view's depth at the projected position differs by at most `relative · z` from the projected z.
     Consistent {
         /// Tolerance as a share of z.
         relative: f64,
     },
-    /// The depth at that position differs by less than `absolute_m + relative · z`, and z exceeds `min_depth_m`.
-    /// [`Self::MAP_ANYTHING`] has the values of MapAnything's covisibility.
+    /// The other view's depth at the projected position differs by less than `absolute_m + relative · z` from the
+    /// projected z, and z exceeds `min_depth_m`. [`Self::MAP_ANYTHING`] has the values of MapAnything's covisibility.
     AbsoluteRelative {
         /// Tolerance, in metres.
         absolute_m: f64,
@@ -36,8 +36,8 @@ pub enum OverlapTest {
 }
 
 impl OverlapTest {
-    /// `|D − z| < 0.1 + 0.005 z − ln(0.5) · 0.1` and `z > 0.04`, with the depth `D` at the position and the projected
-    /// `z`.
+    /// `|D − z| < 0.1 + 0.005 z − ln(0.5) · 0.1` and `z > 0.04`, where `z` is the projected depth and `D` the other
+    /// view's depth there.
     pub const MAP_ANYTHING: Self = Self::AbsoluteRelative {
         absolute_m: 0.1 + std::f64::consts::LN_2 * 0.1,
         relative: 0.005,
@@ -53,8 +53,8 @@ pub enum DepthLookup {
     /// Interpolation between the four surrounding pixel centres, with the border repeated. If any of the four is
     /// invalid, the projected pixel counts as unseen.
     Bilinear,
-    /// All valid pixels within this many rows and columns of the position's pixel; it is enough if one of them agrees.
-    /// For sparse depth, where few pixels have a value.
+    /// All valid pixels within this many rows and columns of the pixel that contains the position, of which one must
+    /// agree. For sparse depth, where few pixels have a value.
     #[value(skip)]
     Window { radius: u32 },
 }
@@ -66,7 +66,7 @@ pub enum Denominator {
     Valid,
     /// All pixels of the projected view.
     All,
-    /// Pixels with valid depth in the other view; the share may exceed 1.
+    /// Pixels with valid depth in the view projected into; the share may exceed 1.
     ValidOther,
 }
 
@@ -77,13 +77,14 @@ pub struct OverlapOptions {
     pub denominator: Denominator,
     /// Projects every `stride`-th pixel of every `stride`-th row, starting at `stride / 2`. `stride` is at least 1.
     pub stride: u32,
-    /// Longer side that depth maps are first reduced to; see [`PosedDepth::reduced`].
+    /// Depth maps are first reduced to this longer side, in pixels; see [`PosedDepth::reduced`]. `None` keeps their
+    /// size.
     pub max_side: Option<u32>,
 }
 
 impl Default for OverlapOptions {
-    /// Depths agree within 5 % at the nearest pixel. All pixels with valid depth are projected, at full size, and form
-    /// the denominator.
+    /// Depths agree if they differ by at most 5 % at the nearest pixel. All pixels with valid depth are projected, at
+    /// full size, and form the denominator.
     fn default() -> Self {
         Self {
             test: OverlapTest::Consistent { relative: 0.05 },
@@ -109,7 +110,7 @@ pub struct OverlapCounts {
 }
 
 impl OverlapCounts {
-    /// The share of pixels seen; `None` if the denominator is 0.
+    /// The share of pixels that are seen; `None` if the denominator is 0.
     pub fn share(&self, denominator: Denominator) -> Option<f64> {
         let by = match denominator {
             Denominator::Valid => self.valid,
@@ -120,10 +121,10 @@ impl OverlapCounts {
     }
 }
 
-/// Projects the pixels of `view` into `other` and counts those that are visible there.
+/// Projects the pixels of `view` into `other` and counts those that are visible there. Ignores
+/// [`OverlapOptions::max_side`], which the caller must have applied.
 ///
-/// By default, the overlap of an ordered pair (source, target) is `overlap(target, source)`. The
-/// caller applies [`OverlapOptions::max_side`].
+/// By default, the overlap of an ordered pair (source, target) is `overlap(target, source)`.
 pub fn overlap(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> OverlapCounts {
     let projection = Projection::new(view, other);
     let step = options.stride.max(1) as usize;
@@ -158,8 +159,8 @@ pub fn overlap(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) 
     counts
 }
 
-/// The pixels of `view` that are visible in `other`: row-major, one entry per pixel, false where depth is invalid.
-/// Ignores the stride.
+/// For each pixel of `view`, row by row, whether it is visible in `other`; false where depth is invalid. Ignores the
+/// stride.
 pub fn seen_mask(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> Vec<bool> {
     let projection = Projection::new(view, other);
     let (width, height) = view.depth().dimensions();

@@ -113,8 +113,8 @@ impl PairList {
         }
     }
 
-    /// The union of this list and a newer one. For a pair in both, the newer row is used, and the pair is selected if
-    /// either list selects it.
+    /// The union of this list and a newer one. For a pair in both lists, keeps the newer row, selected if either row
+    /// is.
     #[must_use]
     pub fn joined(&self, newer: &Self) -> Self {
         let by_id = |list: &Self| -> BTreeMap<String, Pair> {
@@ -129,7 +129,7 @@ impl PairList {
             same.is_some_and(|new| new.selected || !pair.selected)
         };
         if joined.values().all(covered) {
-            // The older list adds nothing, so keep the newer list's bytes.
+            // If the older list adds nothing, keep the bytes of the newer list.
             return newer.clone();
         }
         for (id, mut pair) in new_pairs {

@@ -10,12 +10,11 @@ use sharp_datasets::{Scene, View};
 use super::{PairList, absent_scene};
 use crate::pairs::Pair;
 
-/// Largest difference at which baselines count as equal, in metres: far below any calibration error, far above
-/// rounding.
+/// Baselines count as equal up to this difference, in metres: far below any calibration error, far above rounding.
 const SAME_BASELINE_M: f64 = 1e-9;
 
-/// Largest difference at which rotations count as equal, in degrees. It allows for rounding errors, which are amplified
-/// by the arc cosine or arc sine that gives the angle.
+/// Rotations count as equal up to this difference, in degrees. It allows for rounding errors, amplified by the arc
+/// cosine or arc sine that gives the angle.
 const SAME_ROTATION_DEG: f64 = 1e-6;
 
 /// Result of comparing a list's photographs and cameras with local files.
@@ -63,7 +62,7 @@ pub struct Unreadable {
     pub reason: String,
 }
 
-/// A pair whose cameras differ from the list. Arrays of two hold the list's value, then that of the files.
+/// A pair whose cameras differ from the list. In arrays of two, the list's value comes first, then that of the files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MovedCamera {
     /// Line in the list's file.
@@ -123,7 +122,7 @@ impl PairList {
 
 struct Photograph<'a> {
     view: &'a View,
-    /// Hashes in the list; more than one if its rows disagree.
+    /// Hashes in the list; several if its rows contradict each other.
     hashes: BTreeSet<&'a str>,
 }
 

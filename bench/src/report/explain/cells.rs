@@ -11,10 +11,10 @@ use crate::evaluate::record::Record;
 use crate::report::column::Column;
 use crate::report::tables::rank::rounded;
 
-/// Values that differ by less than this count as the same value: only the order of computation differs.
+/// Values that differ by less than this count as equal: the difference is only due to the order of computation.
 const SAME: f64 = 1e-9;
 
-/// Selection of the averaged pairs.
+/// The scenes whose pairs are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SceneReading {
     All,
@@ -54,10 +54,10 @@ pub enum Agreement {
     Equal,
     /// Several readings with different values round to the published number.
     Ambiguous,
-    /// No reading rounds to the published number, but it lies between the smallest and the largest reading, up to
-    /// rounding.
+    /// No reading rounds to the published number, but the number lies between the smallest and the largest reading, up
+    /// to rounding.
     Inside,
-    /// The published number lies beyond all readings.
+    /// The published number lies outside the range of all readings.
     Outside,
     /// No reading could be computed.
     NotComputed,
@@ -79,25 +79,25 @@ impl Agreement {
 /// The explanation of one cell of the paper's table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellExplanation {
-    /// Name of the dataset in the run; `column` is its name in the paper.
+    /// Name of the dataset in the run, whereas `column` is the paper's name for it.
     pub dataset: String,
     pub column: &'static str,
     /// The metric as published.
     pub metric: Column,
     pub published: f64,
     /// The value that the run itself reports: the metric's default variant, averaged over all pairs by the run's own
-    /// rule.
+    /// rule. `None` if it could not be computed.
     pub as_scored: Option<f64>,
-    /// Number of pairs in the run. Readings cover only pairs whose picture was kept.
+    /// Number of pairs in the run. Readings cover only those pairs whose picture was kept.
     pub pairs: usize,
-    /// Readings of the metric, the run's own first. Of the readings with the same [`SceneReading`], only those over the
-    /// largest number of pairs are listed.
+    /// Readings of the metric, the run's own first. Among readings with the same [`SceneReading`], only those over the
+    /// largest number of pairs are included.
     pub readings: Vec<ReadingValue>,
     pub verdict: Agreement,
 }
 
 impl CellExplanation {
-    /// Whether a value would be printed as the published number.
+    /// Whether a value, rounded like the published number, equals it.
     pub fn prints(&self, value: f64) -> bool {
         rounded(value, self.metric.decimals) == self.published
     }
@@ -140,7 +140,8 @@ impl CellExplanation {
     }
 }
 
-/// The readings of a dataset for a column of the paper; `aggregation` is the run's own.
+/// Compares the readings of a dataset with a published number in a column of the paper. `aggregation` is the run's own
+/// rule.
 pub(super) fn cell(
     readings: &Readings,
     dataset: &str,
@@ -203,13 +204,13 @@ pub(super) fn cell(
             }
         }
     }
-    // Leave out values over fewer pairs, which are not comparable.
+    // Drop values over fewer pairs than others, because they are not comparable.
     for scenes in [SceneReading::All, SceneReading::OneAPlace] {
         let of_scenes = values.iter().filter(|value| value.reading.scenes == scenes);
         let most = of_scenes.map(|value| value.n).max();
         values.retain(|value| value.reading.scenes != scenes || Some(value.n) == most);
     }
-    // Sort the run's own reading (default variant) first, the others in order of definition.
+    // The run's own reading (default variant) comes first, followed by the others in the order of their definitions.
     let default: Option<MetricKey> = metric.family().parse().ok();
     let own_mean = Averaging::Of(aggregation);
     values.sort_by_key(|value| {
@@ -234,7 +235,7 @@ pub(super) fn cell(
     .judged()
 }
 
-/// The first scene of each place, keyed by place.
+/// The first scene of each physical place, keyed by place.
 fn first_scenes<'a>(records: &[(usize, &'a Record)]) -> BTreeMap<&'a str, &'a str> {
     let mut first: BTreeMap<&str, &str> = BTreeMap::new();
     for (_, record) in records {

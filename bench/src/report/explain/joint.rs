@@ -7,8 +7,8 @@ use crate::evaluate::readings::PictureReading;
 
 use super::cells::{Averaging, CellExplanation, ReadingValue, SceneReading};
 
-/// One reading applied to all metrics of a dataset. Only the variant may differ from metric to metric: it is the one
-/// that comes nearest to the published number.
+/// One reading applied to all metrics of a dataset. Only the variant may differ between metrics: each has the variant
+/// whose value is nearest to the published number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointReading {
     pub column: &'static str,
@@ -18,8 +18,8 @@ pub struct JointReading {
     pub region: MetricRegion,
     /// For each metric of the table, the variant with its value and its distance to the published number.
     pub variants: Vec<Variant>,
-    /// The largest of the variants' distances, in halves of the last printed digit. If it is at most 1, all metrics
-    /// round to the published numbers.
+    /// The largest distance of the variants from the published numbers, in halves of the last printed digit. If it is
+    /// at most 1, every variant rounds to its published number.
     pub farthest: f64,
 }
 
@@ -33,8 +33,8 @@ pub struct Variant {
     pub distance: f64,
 }
 
-/// All joint readings, sorted by dataset, then by increasing distance. Of readings with equal numbers, only the first
-/// is returned.
+/// All joint readings, sorted by dataset, then by increasing distance. Of several readings with equal numbers, only the
+/// first is returned.
 pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
     let mut all = Vec::new();
     for cells in cells.chunk_by(|a, b| a.dataset == b.dataset) {
@@ -42,7 +42,7 @@ pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
         for value in cells.iter().flat_map(|cell| &cell.readings) {
             let reading = value.reading;
             let key = (reading.picture, reading.scenes, reading.averaging);
-            // Pooled errors apply only to PSNR, so they cannot be a joint reading.
+            // A pooled error exists only for PSNR, so it cannot be a joint reading.
             if reading.averaging != Averaging::PooledError && !shared.contains(&key) {
                 shared.push(key);
             }
@@ -83,7 +83,7 @@ pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
             }
         }
         of_dataset.sort_by(|a, b| a.farthest.total_cmp(&b.farthest));
-        // Merge readings with equal numbers, such as means over scenes with one pair each.
+        // Some readings have equal numbers, such as different means over scenes with one pair each. Keep one of them.
         of_dataset.dedup_by(|a, b| a.variants == b.variants && a.region == b.region);
         all.extend(of_dataset);
     }

@@ -81,8 +81,8 @@ pub fn explain_run(
 }
 
 impl ExplainedRun {
-    /// Whether a number covers too few pairs of the run, or nothing could be compared. Metrics that were not requested
-    /// are ignored.
+    /// Whether a reading of a cell covers fewer pairs than the run, or a dataset has no reading at all. Metrics that
+    /// were not requested do not count.
     pub fn lacks_pairs(&self) -> bool {
         let cells = &self.explanation.cells;
         let is_read = |dataset: &str| {
@@ -166,7 +166,7 @@ fn explain(
     }
 }
 
-/// Alternative settings of a dataset, which need a separate run.
+/// Those alternative settings of a dataset's reader whose scores need a separate run.
 fn other_readings(record: &DatasetRecord, column: &str) -> Vec<String> {
     let Ok(entry) = entry(&record.format) else {
         return Vec::new();

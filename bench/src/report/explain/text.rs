@@ -66,7 +66,8 @@ impl Explanation {
         lines
     }
 
-    /// The cells with their verdicts, and the nearest readings of all metrics together.
+    /// A table of the cells with their verdicts, and for each dataset a table of the nearest joint
+    /// readings.
     fn grids(&self) -> Vec<TextGrid> {
         let by_dataset = self.joint_readings.chunk_by(|a, b| a.column == b.column);
         [self.verdicts()]

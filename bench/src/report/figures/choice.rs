@@ -11,7 +11,7 @@ use crate::report::column::Column;
 use crate::report::error::ReportError;
 use sharp_plots::PlotError;
 
-/// How pairs of each dataset are chosen, judged by the first metric.
+/// How the pairs of each dataset are chosen. The first metric decides.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Choice {
     /// The pairs of median difficulty, where difficulty is the mean score of the ranked methods.
@@ -21,7 +21,7 @@ pub enum Choice {
     Worst,
     /// The pairs with the best scores.
     Best,
-    /// The pairs where the first method loses most against the second.
+    /// The pairs on which the first method is worse than the second, by the largest difference.
     Loses(String, String),
 }
 
@@ -82,7 +82,7 @@ pub struct PathChoice {
     pub count: NonZeroUsize,
 }
 
-/// By default, one pair per dataset is chosen.
+/// Chooses one pair per dataset.
 impl Default for PairsChoice {
     fn default() -> Self {
         Self {
@@ -146,7 +146,8 @@ pub fn chosen<'a>(
         let first = match choose {
             Choice::Worst | Choice::Loses(..) => 0,
             Choice::Best => n - count,
-            // The pairs around the median. For an even number of pairs, the easier of the two middle ones comes first.
+            // The pairs around the median. For an even number of pairs, the easier of the two middle ones counts as the
+            // median.
             Choice::Median => (n / 2)
                 .saturating_sub(count.saturating_sub(1) / 2)
                 .min(n - count),
@@ -162,11 +163,11 @@ pub fn chosen<'a>(
     Ok(chosen)
 }
 
-/// At most `count` pairs of one source, sorted by baseline and spread evenly from the nearest to the farthest. If no
-/// source is given, takes the one with the most targets, or the first of several such sources.
+/// At most `count` pairs of one source, sorted by baseline and spread evenly from the nearest to the farthest. `source`
+/// has the form `dataset/scene/view`; by default, it is the first of the sources with the most targets.
 ///
 /// # Errors
-/// If no pair has this source, given as `dataset/scene/view` like the start of pair ids.
+/// If no pair has the given source.
 pub fn along_path<'a>(
     board: &'a Board<'a>,
     PathChoice { source, count }: &PathChoice,
@@ -180,7 +181,6 @@ pub fn along_path<'a>(
             sources.push((id(&pairs[0]), pairs_of.collect()));
         }
     }
-    // In a controlled sweep, each step is a scene with one pair, and all have the source of their cluster.
     let found = match source {
         Some(wanted) => sources.iter().position(|(id, _)| id == wanted),
         None => {

@@ -15,10 +15,10 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::error::{MissingPicture, ReportError};
 use crate::report::error_map::false_colours;
 
-/// A sheet with input, view and inverse depth of each pair. If a folder is given, depth is read from
-/// `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, in metres). Otherwise it is the depth of the
-/// kept rendering, as in the paper, or if none was kept, the dataset's depth of the target, or else of the source. The
-/// caption states which.
+/// A sheet with input, view and inverse depth of each pair. With a folder, depth is read from
+/// `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, in metres). Without one, it is the depth of the
+/// kept rendering, as in the paper; if no rendering was kept, the dataset's depth of the target, or of the source if
+/// the target has none. The caption states the source of the depth.
 ///
 /// # Errors
 /// If there is not exactly one method, or the folder does not exist.
@@ -26,7 +26,7 @@ pub fn sheet(comparison: &SheetContent<'_>, depth: Option<&Path>) -> Result<Shee
     let [method] = comparison.methods[..] else {
         return Err(ReportError::NotOneMethod);
     };
-    // A missing folder is an error; a missing map of a pair is not.
+    // A missing folder is an error; a missing map is only shown as missing.
     let folder = depth.map(GivenDepth::open).transpose();
     folder.map_err(EvaluateError::from)?;
     let rows = comparison.pairs.iter().map(|chosen| {
@@ -55,7 +55,7 @@ pub fn sheet(comparison: &SheetContent<'_>, depth: Option<&Path>) -> Result<Shee
     })
 }
 
-/// Depth of the scored rendering, or the dataset's depth if no rendering was kept, with a caption that states which.
+/// Depth of the scored rendering, or the dataset's depth if no rendering was kept, and a caption that says which it is.
 fn of_run(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,
@@ -69,7 +69,7 @@ fn of_run(
     }
 }
 
-/// The dataset's depth of the target, or of the source if the target has no depth, with a caption that states which.
+/// The dataset's depth of the target, or of the source if the target has none, and a caption that says which it is.
 fn of_dataset(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,

@@ -25,7 +25,7 @@ pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
 /// A method's index, median seconds and mean score.
 type Placed = (usize, f64, f64);
 
-/// Seconds per prediction, as recorded in the run folders. Runs read from bundles are left out.
+/// Seconds per prediction, as recorded in run folders. Bundles, which may contain no times, are left out.
 ///
 /// # Errors
 /// If a folder cannot be read.
@@ -96,7 +96,7 @@ pub fn figure(
                 if measured.is_some() {
                     by_speed.insert(label);
                 }
-                // A clock may measure zero, which a logarithmic axis cannot show.
+                // A clock of low resolution may measure zero, which a logarithmic axis cannot show.
                 let median = measured.or_else(in_run)?.max(1e-6);
                 Some((m, median, of_metric(dataset, m, &metric.key).mean?))
             });

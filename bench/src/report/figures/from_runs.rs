@@ -50,8 +50,8 @@ pub enum SheetKind {
     Ablation(PairsChoice),
     /// Like `Ablation`, but with the targets of one source as columns, sorted by baseline.
     ExtendedMotion(PathChoice),
-    /// Input, view and inverse depth of one method. Depth is read from the folder; without one, it is that of the
-    /// rendering.
+    /// Input, view and inverse depth of one method. Depth is read from the folder, if given; see
+    /// [`failure::sheet`](super::failure::sheet).
     Failure(PairsChoice, Option<PathBuf>),
 }
 
@@ -101,8 +101,8 @@ pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure
     Ok(plots::histogram(&board, Some(style))?)
 }
 
-/// Plots a metric against seconds per pair. Times measured by `speed` are used for the methods that it covers. `None`
-/// if no method has both a score and a time.
+/// Plots a metric against seconds per pair. Times measured by `speed` replace those of the runs for the methods that
+/// `speed` measured. `None` if no method has both a score and a time.
 ///
 /// # Errors
 /// Those of [`baselines`](baselines()), and if the metric does not exist or a folder cannot be read.

@@ -4,7 +4,7 @@
 //!   results.
 //! * [`sheet`], `sheet_drawing`: pictures in rows and columns, with text below and enlarged parts; [`qualitative`]:
 //!   predictions side by side, as rows or as columns; [`choice`]: the pairs to show; [`failure`]: view and inverse
-//!   depth; [`uncertainty`]: depth compared with that of the mirrored picture.
+//!   depth; [`uncertainty`]: depth of a picture compared with depth of its mirror image.
 //! * [`fidelity_time`]: scores against seconds per pair.
 
 pub mod catalogue;

@@ -1,4 +1,5 @@
-//! Predictions side by side: pairs as rows for comparisons, or as columns for ablations and along a path.
+//! Predictions side by side: pairs as rows to compare methods, or as columns for ablations and for targets of one
+//! source.
 
 use super::choice::{ChosenPair, PairsChoice, chosen};
 use super::sheet::{Sheet, SheetMedium, Tile};
@@ -22,8 +23,8 @@ pub struct SheetContent<'a> {
     pub crops: Vec<Region>,
 }
 
-/// A PNG for a report with the plotted methods on one pair of median difficulty per dataset. `None` if there are no
-/// pictures.
+/// The figure of a report as PNG: the plotted methods on one pair of median difficulty per dataset. `None` if there are
+/// no pictures.
 ///
 /// # Errors
 /// If the figure cannot be encoded.
@@ -68,8 +69,8 @@ impl SheetContent<'_> {
         }
     }
 
-    /// One row per method, followed by the truth if any target has a picture. If all pairs share one input, it is shown
-    /// first.
+    /// One row per method, and the truth as the last row if any target has a picture. If all pairs share one input
+    /// (`one_source`), it is shown first.
     pub fn pairs_as_columns(&self, one_source: bool) -> Sheet {
         let row = |label: &str, tile: &dyn Fn(&ChosenPair<'_>) -> Tile| {
             (
@@ -159,7 +160,7 @@ fn baseline(facts: &Record) -> String {
     format!("baseline {:.3} m", facts.baseline_m).replace(' ', "\u{a0}")
 }
 
-/// Name of a tile for messages.
+/// Name of a tile in messages about it.
 pub(super) fn named(chosen: &ChosenPair<'_>, what: &str) -> String {
     format!("{}, {what}", chosen.pair.facts.pair_id)
 }

@@ -17,7 +17,7 @@ const MIN_EMS: f64 = 3.0;
 pub struct SheetMedium {
     /// Longest side of a picture.
     pub tile: u32,
-    /// Whether smaller pictures are enlarged to this size.
+    /// Whether pictures that are smaller than `tile` are enlarged to it.
     pub grows: bool,
     pub gap: u32,
     pub margin: u32,
@@ -82,11 +82,12 @@ impl SheetMedium {
 
 /// A picture, or the reason why it is missing, and the text below it.
 pub struct Tile {
-    /// Name for messages.
+    /// Name in messages about the tile.
     pub name: String,
     pub picture: Result<RgbImage, MissingPicture>,
     pub text: String,
-    /// Parts that are framed and shown enlarged below the picture; parts that extend beyond it are left out.
+    /// Parts that are framed in the picture and shown enlarged below it. Parts that extend beyond the picture are left
+    /// out.
     pub crops: Vec<Region>,
 }
 

@@ -237,7 +237,7 @@ impl Layout {
         }
         for (shown, at) in &self.pictures {
             for ((x, y, w, h), ink) in &shown.frames {
-                // The middle of the line is half its width inside the rectangle.
+                // Inset the line by half its width, so that it stays inside the rectangle.
                 let (x, y) = point((at.0 + x, at.1 + y));
                 let (left, top) = (x + width / 2.0, y + width / 2.0);
                 let (right, bottom) = (left + f64::from(*w) - width, top + f64::from(*h) - width);
@@ -289,7 +289,7 @@ fn stacked(tile: &DrawnTile, gap: u32) -> u32 {
     picture.size.1 + parts.unwrap_or(0)
 }
 
-/// Top of a tile's text: below the row's pictures, or at the top if the picture is missing.
+/// Vertical offset of a tile's text: below the row's pictures (`pictures`), or 0 if the picture is missing.
 fn text_top(tile: &DrawnTile, pictures: u32) -> u32 {
     if tile.pictures.is_empty() {
         0
@@ -357,7 +357,7 @@ fn size_of(picture: &RgbImage, side: u32, grows: bool) -> (u32, u32) {
     if !grows || longest >= side || longest == 0 {
         return fitted((width, height), side);
     }
-    // The same size that `fitted` would give a larger picture of this shape.
+    // Scale up first, so that `fitted` rounds as it does for larger pictures of this shape.
     let factor = side.div_ceil(longest);
     fitted((width * factor, height * factor), side)
 }

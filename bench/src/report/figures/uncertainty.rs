@@ -1,5 +1,5 @@
-//! How much depth changes if the picture is mirrored: the relative absolute difference |d − m| / d
-//! between a depth map d and the depth map m of the mirrored picture, mirrored back.
+//! How much predicted depth changes if the picture is mirrored: the relative absolute difference |d − m| / d, where d
+//! is the depth of the picture, and m that of the mirrored picture, mirrored back.
 
 use std::path::Path;
 
@@ -24,7 +24,8 @@ use crate::report::error_map::false_colours;
 /// Differences of at least this size have the brightest colour.
 const BRIGHTEST: f32 = 0.5;
 
-/// Depth of a picture, and depth of the mirrored picture, not mirrored back. Both maps have the same size.
+/// Depth of a picture, and depth of the mirrored picture as predicted (not mirrored back). Both maps have the same
+/// size.
 pub struct Mirrored {
     /// Name such as `layer 1`; empty for a map without layers.
     pub name: String,
@@ -53,7 +54,7 @@ impl Mirrored {
         })
     }
 
-    /// |d − m| / d; NaN if either has no depth.
+    /// |d − m| / d per pixel; NaN where d or m is unknown.
     ///
     /// # Errors
     /// A message if the sizes differ.
@@ -78,10 +79,10 @@ impl Mirrored {
     }
 }
 
-/// Predicts the depth of a picture and of its mirror image. The result is one pair of maps for a checkpoint of Depth
-/// Pro, and one for each of the two layers for SHARP. `checkpoint` may be `mini`, the bundled network of SHARP;
-/// `config` is the architecture (`FILE.json#NAME`), by default the release's. No focal length is needed, because it
-/// scales both depths alike.
+/// Predicts the depth of a picture and of its mirror image. A checkpoint of Depth Pro gives one pair of maps, one of
+/// SHARP gives a pair for each of its two layers. `checkpoint` may be `mini`, the bundled network of SHARP; `config` is
+/// the architecture (`FILE.json#NAME`), by default the release's. The focal length, which scales both depths alike, is
+/// not needed.
 ///
 /// # Errors
 /// If the network cannot be read or does not accept the picture.
@@ -134,7 +135,7 @@ pub fn by_network(
 }
 
 /// One row per pair of maps: the picture, its depth, the depth of the mirrored picture (mirrored back), and their
-/// relative difference with its median.
+/// relative difference, with its median in the text.
 ///
 /// # Errors
 /// If two maps have different sizes, or no pixel has a depth in both.

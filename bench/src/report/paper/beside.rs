@@ -9,8 +9,8 @@ use crate::report::tables::Table;
 
 use super::{TABLES, column};
 
-/// The paper's tables over its six datasets. [`PublishedNumbers::Matching`] limits them to the run's own datasets and
-/// metrics.
+/// The paper's tables over its six datasets, reduced to the run's own datasets and metrics for
+/// [`PublishedNumbers::Matching`].
 pub fn beside(board: &Board<'_>, metrics: &[Column], which: PublishedNumbers) -> Vec<Table> {
     let columns = super::columns();
     let mut wanted: Vec<usize> = match which {

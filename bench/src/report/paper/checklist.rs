@@ -17,7 +17,7 @@ use crate::report::tables::Condition;
 use super::column;
 use super::published::{MadeBy, PublishedTable};
 
-/// The paper evaluates at most this number of pairs of a multi-view dataset.
+/// The paper's maximum number of pairs of a multi-view dataset.
 const PAPERS_LIMIT: usize = 512;
 
 /// A table of the paper and the rows to compare with it.
@@ -38,7 +38,7 @@ impl ChecklistInput<'_> {
     }
 }
 
-/// Each condition, whether it is met, and the evidence.
+/// All conditions, each with whether it is met, and the evidence.
 pub(super) fn checklist(compared: &ChecklistInput<'_>) -> Vec<Condition> {
     let measured = compared
         .board
@@ -240,10 +240,10 @@ fn aggregation(compared: &ChecklistInput<'_>) -> Condition {
     )
 }
 
-/// Condition on whether the rows use true depth.
+/// Condition that the rows use true depth if and only if the paper's rows do.
 fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     let wants = compared.paper.made_by == MadeBy::PrivilegedRun;
-    // Sweeping scales counts too: the paper does so for methods whose depth cannot be aligned.
+    // The best of several scales counts as well: the paper tries several for methods whose depth cannot be aligned.
     let is_privileged = |method: &MethodRecord| {
         let sweeps = method
             .identity
@@ -296,7 +296,7 @@ fn whole_pictures(compared: &ChecklistInput<'_>, measured: &[&DatasetBoard<'_>])
         (
             "the best of several scales",
             match compared.paper.made_by {
-                // The paper sweeps scales in this table, too; the condition from `privilege` says so.
+                // Here, the paper also takes the best of several scales; the condition by `privilege` says so.
                 MadeBy::PrivilegedRun => 0,
                 _ => count(|r| r.scale.is_some()),
             },

@@ -23,7 +23,7 @@ struct TablePage<'a> {
     table: String,
 }
 
-/// Marks our files; other files are not overwritten.
+/// Marks files written by this program; other files are not overwritten.
 const MARK: &str = "sharp-bench table";
 
 /// Writes `NAME.md`, `NAME.csv`, `NAME.tex` (to be put into a paper), `NAME-document.tex` (compiles by itself) and

@@ -17,8 +17,8 @@ use super::rows::{OwnRow, OwnRows, RowError};
 #[derive(Debug, Clone, Default)]
 pub struct Beside {
     pub rows: Vec<OwnRow>,
-    /// The variants to show, at most one per metric. A metric without an entry is shown in its default variant if all
-    /// rows have it, or else in the first variant that all rows have.
+    /// The variants to show, at most one per metric. Other metrics are shown in their default variant if all rows have
+    /// it, otherwise in the first variant that all rows have.
     pub metrics: Vec<MetricKey>,
     /// Whether to omit datasets for which the user has no number.
     pub only_measured: bool,
@@ -33,10 +33,10 @@ impl Beside {
     }
 }
 
-/// A table of the paper with the user's rows below the published ones. Both are ranked separately.
+/// A table of the paper with the user's rows below the published ones. Published and own rows are ranked separately.
 ///
 /// # Errors
-/// If a row cannot be read, or two rows contradict each other or their column of the paper.
+/// If a row cannot be read, two rows contradict each other, or two datasets belong to one column of the paper.
 pub fn paper_table(paper: &PublishedTable, beside: &Beside) -> Result<Table, RowError> {
     if beside.rows.is_empty() {
         let all = 0..paper.datasets.len();
@@ -119,8 +119,8 @@ pub(super) fn with_rows(
     }
 }
 
-/// Puts the user's rows below the published ones. Columns keep the identities of the user's metrics, and datasets that
-/// are not in the paper come last.
+/// Puts the user's rows below the published ones. Columns keep the identities of the user's metrics; datasets that are
+/// not in the paper's table come last.
 fn below(mut published: Table, own: Table) -> Table {
     let mut table = own;
     let none = Cell::dash();
@@ -163,7 +163,7 @@ fn below(mut published: Table, own: Table) -> Table {
     table
 }
 
-/// For each of the paper's metrics, the variant that fills its column.
+/// For each of the paper's metrics, the variant to show in its column.
 fn columns(paper: &PublishedTable, board: &Board<'_>, wanted: &[MetricKey]) -> Vec<Column> {
     let scored = &board.metrics;
     let methods = 0..board.methods.len();
@@ -210,8 +210,8 @@ fn columns(paper: &PublishedTable, board: &Board<'_>, wanted: &[MetricKey]) -> V
     columns.collect()
 }
 
-/// The datasets in the paper's order, followed by those that are not in the paper. A dataset of the
-/// paper is empty if no row has it.
+/// The user's datasets in the order of the paper's, followed by datasets that are not in the paper's table. A dataset
+/// of the paper is empty if no row has it.
 fn placed<'a>(paper: &PublishedTable, mut board: Board<'a>) -> Result<Board<'a>, RowError> {
     let mut by_column: Vec<Vec<DatasetBoard<'a>>> =
         paper.datasets.iter().map(|_| Vec::new()).collect();

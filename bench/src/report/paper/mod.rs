@@ -1,8 +1,8 @@
 //! The published numbers of the SHARP paper, next to the user's own rows.
 //!
-//! The paper names neither the LPIPS backbone nor the SSIM window nor the resize kernel, and its pair lists
-//! are not published. Its numbers therefore carry the identity `[unstated]` and are never ranked together with numbers
-//! measured here.
+//! The paper names neither the LPIPS backbone nor the SSIM window nor the resize kernel, and does not publish its pair
+//! lists. Its numbers therefore have the identity `[unstated]` and are never ranked together with numbers measured
+//! here.
 //!
 //! * [`mod@published`]: every published number; [`mod@beside`]: selects those to show next to a run.
 //! * [`rows`]: the user's own rows; [`grid`]: both in one table; [`checklist`]: conditions under which the two are
@@ -33,7 +33,7 @@ pub fn columns() -> Vec<&'static str> {
     columns.filter(|column| !column.is_empty()).collect()
 }
 
-/// The paper's column group that a dataset belongs to.
+/// The paper's column group for a dataset; `None` if the paper has none.
 pub fn column(dataset: &ReportDataset) -> Option<&'static str> {
     let column = dataset.entry()?.paper_column;
     (!column.is_empty()).then_some(column)

@@ -17,7 +17,7 @@ const NUMBERS: &str = include_str!("../../../data/paper_tables.csv");
 /// rows and title.
 const LIST: &str = include_str!("../../../data/paper_table_list.tsv");
 
-/// The method that the paper calls the strongest before its own.
+/// The method that the paper names as the strongest earlier one.
 const STRONGEST: &str = "Gen3C";
 
 /// Kind of data that the user's own rows are read from.
@@ -45,7 +45,7 @@ pub struct PublishedTable {
     /// Heading above the rows' labels.
     pub row_head: &'static str,
     pub made_by: MadeBy,
-    /// Column groups; if the table has no datasets, a single one without a name.
+    /// Names of the column groups; a single empty name if the table has no datasets.
     pub datasets: Vec<&'static str>,
     /// Columns within each group, by their names in the paper.
     pub metrics: Vec<&'static str>,
@@ -78,7 +78,7 @@ pub fn published(name: &str) -> Option<&'static PublishedTable> {
     TABLES.iter().find(|table| table.name == name)
 }
 
-/// Fields of the file's lines, without the header. No field contains a comma, so quotes need no handling.
+/// The six fields of each line of the file, without the header. No field contains a comma, so quotes need no handling.
 fn lines() -> impl Iterator<Item = [&'static str; 6]> {
     let lines = NUMBERS.lines().skip(1);
     lines.filter_map(|line| line.split(',').collect::<Vec<_>>().try_into().ok())
@@ -139,7 +139,8 @@ impl PublishedTable {
         cells[d * self.metrics.len() + m].and_then(number)
     }
 
-    /// The table reduced to some of its datasets. Its rows are marked as published and ranked only among each other.
+    /// The table, reduced to the datasets with these indices. Its rows are marked as published and ranked only among
+    /// each other.
     pub fn table(&self, datasets: &[usize]) -> Table {
         let columns = self.columns();
         let rows = self.rows.iter().map(|(label, _)| Row {
@@ -313,8 +314,8 @@ pub(crate) fn metric(family: Family) -> Column {
     }
 }
 
-/// How much the first of two rows reduces a metric relative to the second: the smallest and the largest reduction over
-/// the datasets, as fractions.
+/// Reduction of a metric from the second of two rows to the first, as a fraction: the smallest and the largest over the
+/// datasets.
 fn gains(table: &PublishedTable, rows: [&str; 2], metric: &str) -> Option<(f64, f64)> {
     let gains = table.datasets.iter().filter_map(|dataset| {
         let [ours, other] = rows.map(|row| table.number(row, dataset, metric));

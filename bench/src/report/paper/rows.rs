@@ -22,7 +22,8 @@ use super::published::{MadeBy, PublishedTable};
 /// Source of a row's numbers, `SOURCE[:METHOD]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RowSource {
-    /// A run folder or bundle, or a file if the table's rows are read from one.
+    /// A run folder or bundle; for tables that are not made from runs, the file or folder that their rows are read
+    /// from.
     pub path: PathBuf,
     /// Method to use, if the source has several.
     pub method: Option<String>,
@@ -70,7 +71,7 @@ pub enum RowError {
 impl std::str::FromStr for RowSource {
     type Err = Infallible;
 
-    /// Takes the part after the last colon as a method, unless the whole text is an existing path.
+    /// Takes the text after the last colon as the method, unless the whole text is an existing path.
     fn from_str(text: &str) -> Result<Self, Infallible> {
         let source = |path: &str, method: Option<&str>| Self {
             path: path.into(),
@@ -91,7 +92,7 @@ impl RowSource {
     /// The selected method among the available ones.
     ///
     /// # Errors
-    /// If it is not available, or several are available and none is selected.
+    /// If the selected method is not available, or none is selected and several are available.
     pub fn chosen<'a>(
         &self,
         methods: impl IntoIterator<Item = &'a str>,
@@ -140,9 +141,9 @@ impl std::str::FromStr for OwnRow {
 pub enum OwnRows {
     /// Results with one row per method.
     Scores(Box<Results>),
-    /// Rows of a table that has no pairs, and its measured columns.
+    /// Rows without pairs, and their measured columns.
     Measured {
-        /// Datasets that are not in the paper's table; their cells follow those of its datasets.
+        /// Datasets that are not in the paper's table. Their cells follow those of the table's datasets.
         datasets: Vec<String>,
         columns: Vec<Column>,
         rows: Vec<Row>,
@@ -213,8 +214,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         }
         let keys = heads.iter().map(|head| head.parse().ok()).enumerate();
         let keys: Vec<(usize, MetricKey)> = keys.filter_map(|(at, key)| Some((at, key?))).collect();
-        // The default variant of each metric, or the first available variant if there is no
-        // default.
+        // For each metric, the default variant or, if the file does not have it, the first variant.
         let places = paper.metrics.iter().map(|name| {
             let of_family =
                 |(_, key): &&(usize, MetricKey)| key.family().name().eq_ignore_ascii_case(name);
@@ -254,8 +254,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
     })
 }
 
-/// One row per checkpoint: the number of its parameters and, for SHARP's checkpoints, how many of them the paper
-/// trains.
+/// One row per checkpoint: the number of all parameters and, for SHARP's checkpoints, of those that the paper trains.
 fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {
@@ -271,7 +270,7 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
             let text = format!("{millions:.*}M", usize::from(millions < 10.0));
             Cell::printed(Some(millions), &text)
         };
-        // A checkpoint does not record which of its parameters were trained; SHARP's are known by name.
+        // Checkpoints do not record which parameters were trained; for SHARP, their names tell.
         let cells = paper.metrics.iter().map(|metric| match *metric {
             "total" => cell(total),
             "trainable" if trained > 0 => cell(trained),
@@ -314,7 +313,7 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
     }
     let measured = read.iter().map(|(row, lines)| {
         let cell = |dataset: &str, metric: &str| {
-            // Without a GPU, only the time until the picture is in the host's memory was measured.
+            // Without a GPU, `speed` measures only the time until the picture is in the host's memory.
             let (quantities, factor): (&[&str], f64) = match metric {
                 "Inference" => (&["inference_secs"], 1.0),
                 "Render" => (&["device_secs", "render_secs"], 1.0),

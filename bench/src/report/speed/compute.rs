@@ -1,4 +1,4 @@
-//! Hardware and hours for compute reporting forms, from the times in run folders.
+//! Hours and hardware as asked for by compute reporting forms, from the times in run folders.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -65,7 +65,7 @@ pub(super) fn grid(methods: &[MethodCompute]) -> TextGrid {
     let hours = |secs: f64| GridCell::number(format!("{:.4}", secs / 3600.0), secs / 3600.0);
     let sums = |timings: &[&Timing]| {
         let peak = timings.iter().filter_map(|timing| timing.peak_bytes).max();
-        // Count an inference once, even if several targets or methods use it.
+        // Several targets or methods may share an inference; count it once.
         let mut seen = BTreeSet::new();
         let inferences = timings.iter().filter(|timing| {
             let shared = timing.inference.as_deref();

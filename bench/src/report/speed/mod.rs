@@ -17,7 +17,7 @@ use crate::evaluate::Manifest;
 use crate::evaluate::speed::{Speed, SpeedOptions};
 use crate::io::atomic_files::write_all_over_own;
 
-/// Times of the methods that this call measured, and how they were measured.
+/// The times that `speed` has measured, and how.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measured {
     pub speeds: Vec<Speed>,
@@ -36,7 +36,7 @@ pub struct SpeedReport {
     pub compute: Option<TextGrid>,
 }
 
-/// Marks our files; other files are not overwritten.
+/// Marks files written by this program; other files are not overwritten.
 const MARK: &str = "sharp-bench speed";
 
 impl SpeedReport {

@@ -141,7 +141,7 @@ format!(" (networks: {})", devices.join(", "))
     remarks
 }
 
-/// Spread of the times, memory, and what the renderer had to draw.
+/// Details per method and dataset: spread of the times, memory, and numbers of rendered Gaussians.
 pub fn details(measured: &Measured) -> TextGrid {
     let heads = [
         "Method",

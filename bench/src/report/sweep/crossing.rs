@@ -9,14 +9,15 @@ use sharp_plots::bins::{Bin, Cuts, bins};
 
 /// The position beyond which the mean of every bin is above zero.
 ///
-/// It lies between the last bin whose mean is not above zero and the next bin, where the line through their means
-/// crosses zero. If there are empty bins between the two, no line joins them, and it is the position of the next bin.
+/// It lies between the last bin whose mean is not above zero and the next bin that is not empty, where the line through
+/// their means crosses zero. If empty bins separate the two, no line joins them, and the position is that of the later
+/// bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossing {
-    /// The position: −∞ if the mean is above zero in every bin, ∞ if it is not above zero in the last.
+    /// The position; −∞ if the means of all bins are above zero, ∞ if the mean of the last bin is not.
     pub x: f64,
-    /// 95 % interval of the position over resamples. Each resample draws whole clusters with replacement, as many as
-    /// there are. `None` for fewer than two clusters. An end may be infinite, like the position itself.
+    /// 95 % interval of the position over resamples, each of which draws as many whole clusters as there are, with
+    /// replacement. Its ends may be infinite. `None` for fewer than two clusters.
     pub interval: Option<(f64, f64)>,
     pub clusters: usize,
 }
@@ -26,7 +27,7 @@ pub struct Crossing {
 pub struct Sample<'a> {
     pub x: f64,
     pub value: f64,
-    /// Samples of the same cluster are not independent.
+    /// The pair's cluster; samples of one cluster are not independent.
     pub cluster: &'a str,
 }
 

@@ -1,4 +1,4 @@
-//! Plots of a sweep: one per metric, with one panel per part of the sweep.
+//! Plots of a sweep: one per metric, with one panel per [`SweepPanel`](super::study::SweepPanel).
 
 use super::study::{CrossingRule, Sweep, SweepPanel};
 use super::{Band, Motion};
@@ -138,7 +138,7 @@ fn remark(panel: &SweepPanel) -> String {
 fn horizontal(x: Motion, panel: &SweepPanel, metric: usize) -> PlotAxis {
     let bins = panel.counts(metric).into_values();
     let (low, high) = finite_range(bins.flat_map(|bin| [bin.low, bin.high])).unwrap_or_default();
-    // Start at zero if it is close to the data.
+    // Start the axis at zero if the data begin near it.
     let low = match x.start() {
         Some(start) if low >= start && low - start < 0.5 * (high - start) => start,
         _ => low,

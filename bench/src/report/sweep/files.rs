@@ -16,8 +16,8 @@ use sharp_plots::style::FigureStyle;
 #[derive(Debug)]
 pub struct SweepFiles {
     pub written: Vec<PathBuf>,
-    /// Removed files of an earlier sweep with other metrics or crossings. They would be mistaken for files of the new
-    /// one.
+    /// Files of an earlier sweep with other metrics or crossings that were removed, because they would be mistaken for
+    /// files of the new sweep.
     pub removed: Vec<PathBuf>,
 }
 
@@ -59,8 +59,8 @@ pub fn write(
     Ok(SweepFiles { written, removed })
 }
 
-/// Files that an earlier sweep may have left besides its main table: the crossings, and a plot for each metric in that
-/// table. Each is returned with the mark by which [`remove_own`] recognises it.
+/// Files that an earlier sweep may have left in addition to its main table: its crossings, and a plot for each metric
+/// in that table. Each has the mark by which [`remove_own`] recognises it.
 fn earlier(out: &Path, stem: &str) -> BTreeMap<PathBuf, &'static str> {
     let named = |end: &str| out.join(format!("{stem}{end}"));
     let table = sharp::files::read(&named(".csv")).unwrap_or_default();

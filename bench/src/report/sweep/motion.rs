@@ -29,8 +29,8 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// The quantities by which breakdowns divide pairs. `Disoccluded` is left out, because it divides them as `Overlap`
-    /// does.
+    /// The quantities by which breakdowns divide pairs. `Disoccluded` is left out, because `Overlap` divides pairs in
+    /// the same way.
     pub const DIVIDING: [Self; 4] = [
         Self::BaselineM,
         Self::RotationDeg,
@@ -82,12 +82,10 @@ impl Motion {
         }
     }
 
-    /// Title for headings.
     pub fn title(self) -> &'static str {
         self.words()[0]
     }
 
-    /// Label of an axis.
     pub fn label(self) -> &'static str {
         self.words()[1]
     }
@@ -103,12 +101,13 @@ impl Motion {
         }
     }
 
-    /// A sentence that defines the quantity; captions add it to the label.
+    /// A sentence that defines the quantity, for captions.
     pub fn definition(self) -> &'static str {
         self.words()[2]
     }
 
-    /// Highest value at which the axis may start; if `None`, it starts at the smallest value of the data.
+    /// Value at which the axis starts unless the smallest value of the data is lower or far higher; `None` to always
+    /// start at the data.
     pub fn start(self) -> Option<f64> {
         (self != Self::Overlap).then_some(0.0)
     }

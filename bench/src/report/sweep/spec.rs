@@ -44,7 +44,7 @@ impl FromStr for Threshold {
     fn from_str(text: &str) -> Result<Self, String> {
         let (name, value) = text.split_once('=').ok_or("expected METRIC=VALUE")?;
         let metric: MetricKey = name.parse().map_err(|error| format!("{error}"))?;
-        // Scores of all metrics lie within this range, and the axis must show both the threshold and the scores.
+        // All metrics' scores are in this range, and an axis must be able to show both scores and threshold.
         let value = value.parse().ok();
         let value = value.filter(|v| (-1000.0..=1000.0).contains(v));
         let value = value.ok_or("expected a number from -1000 to 1000")?;

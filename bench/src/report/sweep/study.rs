@@ -24,7 +24,7 @@ pub struct Sweep {
     pub metrics: Vec<Column>,
     /// Panels with at least one line.
     pub panels: Vec<SweepPanel>,
-    /// Panels in which every pair either has no score or has unknown motion.
+    /// Panels without a line, because no pair has both a score and a known motion.
     pub without_lines: Vec<SweepPanel>,
     /// Crossings in the order of panels, their lines, and metrics.
     pub crossings: Vec<FoundCrossing>,
@@ -41,7 +41,7 @@ pub struct SweepPanel {
     pub pairs: usize,
     /// Number of pairs with unknown motion.
     pub unplaced: usize,
-    /// Number of pairs outside all bins: beyond the given edges, or too far from zero to be resolved by the bins.
+    /// Number of pairs outside all bins: beyond the given edges, or so far from zero that the bins cannot resolve them.
     pub outside: usize,
     pub lines: Vec<SweepLine>,
 }
@@ -59,11 +59,11 @@ pub struct SweepLine {
     pub bins: Vec<Vec<SweepBin>>,
 }
 
-/// A bin with those pairs that have a score.
+/// A bin, limited to those of its pairs that have a score.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepBin {
     pub banded: Banded,
-    /// 95 % interval of the mean over clusters; `None` if it is unbounded, as for a single cluster.
+    /// 95 % interval of the mean over clusters; `None` if it is unbounded, as with a single cluster.
     pub interval: Option<(f64, f64)>,
 }
 
@@ -89,8 +89,8 @@ pub enum CrossingRule {
 }
 
 impl SweepPanel {
-    /// The bins of a metric, keyed by bin number, with the smallest and the largest number of pairs that any line has
-    /// in the bin.
+    /// The bins of a metric, keyed by bin number. Each has the smallest and the largest number of pairs that a line of
+    /// the panel has in it.
     pub(super) fn counts(&self, metric: usize) -> BTreeMap<i64, BinCount> {
         let mut counts: BTreeMap<i64, BinCount> = BTreeMap::new();
         for bin in self.lines.iter().flat_map(|line| &line.bins[metric]) {

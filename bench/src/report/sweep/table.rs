@@ -23,9 +23,8 @@ pub(super) const CROSSINGS: &str =
 /// First line of the LaTeX file.
 pub(super) const MARK: &str = "% by sharp-bench sweep";
 
-/// One row per bin at full precision: `x` is the mean place of its pairs, `sd` their sample
-/// standard deviation, `ci_low` and `ci_high` a 95 % interval of the mean over clusters. Unknown
-/// values are empty.
+/// One row per bin at full precision: `x` is the mean position of its pairs, `sd` the sample standard deviation of
+/// their scores, `ci_low` and `ci_high` a 95 % interval of the mean over clusters. Unknown values are empty.
 pub fn csv(sweep: &Sweep) -> Vec<u8> {
     let lines = sweep
         .panels
@@ -55,7 +54,7 @@ pub fn csv(sweep: &Sweep) -> Vec<u8> {
     csv_bytes(COLUMNS.split(','), rows)
 }
 
-/// One row per crossing. Its position is `-inf` if the method is worse in every bin, and `inf` if it is not worse in
+/// One row per crossing. The position is `-inf` if the method is worse in every bin, and `inf` if it is not worse in
 /// the last bin.
 pub fn crossings_csv(sweep: &Sweep) -> Vec<u8> {
     let rows = sweep.crossings.iter().map(|crossing| {

@@ -14,9 +14,9 @@ pub const REPORTED: &str = "reported";
 /// Maximum number of value columns in a table, as in the paper's tables.
 const MAX_COLUMNS: usize = 12;
 
-/// Tables of a board's scores; none if there are no metrics. If all scores fit into twelve columns, there is a single
-/// table named `scores`. Otherwise, as in the paper, perceptual metrics (DISTS, LPIPS) and pixelwise ones have separate
-/// tables, as many as needed.
+/// Tables of a board's scores; empty if there are no metrics. If all scores fit into twelve columns, there is a single
+/// table named `scores`. Otherwise, as in the paper, perceptual metrics (DISTS, LPIPS) and pixelwise metrics are in
+/// separate tables, of which there may be several.
 pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     if metrics.is_empty() {
         return Vec::new();
@@ -45,7 +45,7 @@ pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     tables
 }
 
-/// Whether a method reports this extra value for any prediction.
+/// Whether a method reports this extra value for at least one prediction.
 fn reports(board: &Board<'_>, method: usize, extra: &Column) -> bool {
     let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));
     records.any(|record| record.reported().contains_key(extra.key.as_str()))
@@ -58,7 +58,7 @@ pub fn extras(board: &Board<'_>) -> Vec<Column> {
     extras
 }
 
-/// Table of the values that methods report about their predictions, unranked; `None` without `extras`.
+/// Table of the values that methods report about their predictions, without ranks; `None` if `extras` is empty.
 pub fn of_extras(board: &Board<'_>, extras: &[Column]) -> Option<Table> {
     if extras.is_empty() {
         return None;

@@ -6,17 +6,17 @@ use super::{Table, letter};
 use crate::evaluate::results::number;
 use crate::io::text::{csv_bytes, csv_cell};
 
-/// A cell with this text, changed if needed so that spreadsheets do not evaluate it.
+/// A cell with this text, preceded by a quote if a spreadsheet would evaluate it as a formula.
 pub fn text(text: &str) -> String {
     csv_cell(text).into_owned()
 }
 
-/// Formats a number as a cell, empty if unknown.
+/// A number as text; empty for `None`.
 pub fn optional(value: Option<f64>) -> String {
     value.map(number).unwrap_or_default()
 }
 
-/// Writes one row per value, with its field names as the header. Cells that are not numbers are written as
+/// Writes one row per value, with the fields' names as header. Cells that are not numbers are made safe by
 /// [`text`](text()).
 ///
 /// # Errors

@@ -12,7 +12,7 @@ use sharp_statistics::mean;
 
 use super::shown;
 
-/// Footnote on a dataset of the paper whose settings or pairs differ from the paper's.
+/// Footnote for a dataset of the paper whose settings or pairs differ from the paper's; `None` if they do not.
 pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
     if dataset.proxies.is_empty() || paper::column(dataset).is_none() {
         return None;
@@ -55,7 +55,7 @@ pub(super) fn prediction_marks(
             100.0 * mean
         );
         marks.push(if dataset.dataset.common_region {
-            // The footnote does not name the method, so that methods share it.
+            // Leave out the method's name, so that methods share the footnote.
             format!("{name}: {scored}, the common region of all methods.")
         } else {
             format!(
@@ -65,7 +65,7 @@ pub(super) fn prediction_marks(
     }
     let valid: Vec<f64> = records.iter().filter_map(|r| r.valid_share).collect();
     if let Some(mean) = mean(&valid) {
-        // This footnote does not name the method, either.
+        // Leave out the method's name here, too.
         marks.push(format!(
             "{name}: dataset masks cover part of {} of {of} targets (on average {:.1} % of the pixels); masked pixels are \
              not scored.",
@@ -113,7 +113,7 @@ pub(super) fn cell_notes(
         notes.push(format!("{dataset} has no pairs."));
     } else if n == 0 {
         notes.push(match cell.absences.as_slice() {
-            // The footnote names neither method nor dataset, so that all cells share it.
+            // Leave out method and dataset, so that all cells share the footnote.
             [(reason, _)] => format!("No {} (`{}`): {reason}.", column.label, column.key),
             absences => format!(
                 "{method} on {dataset}: no number for any of {total} pairs: {}.",

@@ -21,7 +21,7 @@ pub struct TextGrid {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GridCell {
     pub text: String,
-    /// Key by which a page sorts the cell; `None` for words.
+    /// Number by which a page sorts the cell; `None` for words.
     pub value: Option<f64>,
 }
 

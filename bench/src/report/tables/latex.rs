@@ -7,7 +7,7 @@ use super::{Cell, Table, letter, letters, spans};
 use crate::io::text::visible_line;
 use crate::report::column::Column;
 
-/// Preamble for a document with these tables, with the paper's colours.
+/// Preamble, with the paper's colours, that documents with these tables need.
 pub const PREAMBLE: &str = "\
 \\usepackage{booktabs,graphicx,amssymb}
 \\usepackage[table]{xcolor}
@@ -172,7 +172,7 @@ fn marks(notes: &[usize]) -> String {
     letters("\\textsuperscript{", notes, "}")
 }
 
-/// A note with code spans set as code.
+/// Escapes a note for LaTeX, with its code spans as code.
 fn rich(note: &str) -> String {
     let spans = spans(note).into_iter();
     let spans = spans.map(|(code, text)| match (code, escape(text)) {
@@ -182,14 +182,14 @@ fn rich(note: &str) -> String {
     spans.collect()
 }
 
-/// Escapes text for LaTeX, in OT1 and T1. Characters without a glyph in pdflatex are written by code point; see
+/// Escapes text for LaTeX, in OT1 and T1. A character without a glyph in pdflatex is replaced by its code point; see
 /// [`noted`].
 pub fn escape(text: &str) -> String {
     let text = visible_line(text);
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
-            // At the start of a row, these would be parsed as an argument of the preceding `\\`.
+            // At the start of a row, LaTeX would take these as arguments of the preceding `\\`.
             '[' | '*' if out.trim_ascii().is_empty() => out.extend(['{', c, '}']),
             '\\' => out.push_str("\\textbackslash{}"),
             '~' => out.push_str("\\textasciitilde{}"),
@@ -233,10 +233,10 @@ pub fn escape(text: &str) -> String {
     out
 }
 
-/// Start of a code point written in place of a character.
+/// Start of the text that replaces a character by its code point.
 const STAND_IN: &str = "{[U+";
 
-/// Adds a comment that explains `[U+…]`, if the fragment contains any.
+/// Adds a comment that explains `[U+…]` if the fragment contains such replacements.
 pub fn noted(fragment: String) -> String {
     if fragment.contains(STAND_IN) {
         format!(
@@ -247,7 +247,7 @@ pub fn noted(fragment: String) -> String {
     }
 }
 
-/// Whether the encoding OT1 has the letter, or composes it from ASCII and an accent.
+/// Whether the encoding OT1 has the letter, or can compose it from an ASCII letter and an accent.
 fn is_composed(c: char) -> bool {
     ('À'..='ž').contains(&c) && !"ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲų".contains(c)
 }

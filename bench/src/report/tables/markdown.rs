@@ -1,4 +1,5 @@
-//! Markdown of a table for a README: the best in bold, then ② and ③; n under each number.
+//! Markdown of a table, as for a README: the best in bold, then ② and ③; the number of pairs under
+//! each number.
 
 use std::fmt::Write as _;
 
@@ -90,7 +91,7 @@ fn marks(notes: &[usize]) -> String {
     letters("<sup>", notes, "</sup>")
 }
 
-/// A note with its code spans kept, unless a lenient parser could take them for markup.
+/// Escapes a note, but keeps its code spans unless a lenient parser could take them for markup.
 pub(in crate::report) fn rich(note: &str) -> String {
     let spans = spans(note).into_iter().map(|(code, text)| {
         if code && !text.is_empty() && text.chars().all(|c| c != '<' && !c.is_control()) {

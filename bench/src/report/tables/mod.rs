@@ -36,7 +36,6 @@ pub struct Table {
     pub title: String,
     /// Heading above the rows' labels.
     pub row_head: &'static str,
-    /// Column groups.
     pub groups: Vec<Group>,
     /// Columns within each group.
     pub columns: Vec<Column>,
@@ -107,11 +106,11 @@ pub struct Row {
 pub struct Cell {
     /// Value at full precision; `None` if there is no number. A footnote then gives the reason.
     pub value: Option<f64>,
-    /// Text as the source printed it, for numbers that were not computed here. It is shown unchanged.
+    /// Text as printed in the source, for numbers that were not computed here; shown unchanged.
     pub printed: Option<String>,
     /// Rank 1, 2 or 3, based on the displayed numbers.
     pub rank: Option<u8>,
-    /// Number of pairs with a score, and number of pairs in the dataset; `None` if the source does not state them.
+    /// Number of pairs with a score, and of pairs in the dataset; `None` if the source does not state them.
     pub coverage: Option<(usize, usize)>,
     /// Sample standard deviation over the pairs.
     pub std: Option<f64>,
@@ -132,7 +131,7 @@ impl Cell {
         }
     }
 
-    /// A cell that displays this text.
+    /// A cell that displays `text` instead of the formatted value.
     pub(crate) fn printed(value: Option<f64>, text: impl Into<String>) -> Self {
         Self {
             printed: Some(text.into()),
@@ -152,7 +151,7 @@ impl Cell {
         text.unwrap_or_else(|| "n/a".to_owned())
     }
 
-    /// The coverage (pairs with a score, pairs in the dataset) if it is incomplete, else `None`.
+    /// The coverage (pairs with a score, pairs in the dataset) if it is incomplete; otherwise `None`.
     fn partial(&self) -> Option<(usize, usize)> {
         self.coverage.filter(|(n, total)| n != total && *n > 0)
     }
@@ -208,7 +207,7 @@ impl Table {
         self.columns.iter().cycle().zip(&row.cells)
     }
 
-    /// The table with the uncertainty of its means.
+    /// A copy whose means are shown with this uncertainty.
     pub(super) fn with_uncertainty(&self, uncertainty: Option<Uncertainty>) -> Self {
         let mut table = Self {
             uncertainty,
@@ -229,7 +228,7 @@ impl Table {
         })
     }
 
-    /// The number as displayed with its uncertainty, or `n/a`.
+    /// The number as displayed, followed by its uncertainty; `n/a` if there is no number.
     fn number(&self, column: &Column, cell: &Cell) -> String {
         let text = format!("{} {}", cell.text(column), self.plus_minus(column, cell));
         text.trim_end().to_owned()
@@ -242,13 +241,13 @@ impl Table {
             .any(|row| row.origin != self.rows[0].origin)
     }
 
-    /// Whether there is a rule before row number `at`, because its origin differs from that of the row above.
+    /// Whether a rule separates row number `at` from the row above, because their origins differ.
     pub(super) fn has_rule_before(&self, at: &usize) -> bool {
         let before = at.checked_sub(1).and_then(|before| self.rows.get(before));
         before.is_some_and(|before| before.origin != self.rows[*at].origin)
     }
 
-    /// The label of a row, with a dagger for published rows in a table with measured ones.
+    /// The label of a row. A dagger marks published rows if the table also has measured ones.
     pub(super) fn label(&self, row: &Row) -> String {
         let dagger = row.origin == Origin::Published && self.is_mixed();
         let label = visible_line(&row.label);
@@ -260,7 +259,7 @@ impl Table {
         cells.any(|cell| cell.rank.is_some())
     }
 
-    /// Index of the footnote `text`, which is added if new.
+    /// Index of the footnote `text` in `notes`, to which it is added if it is new.
     pub(crate) fn note(notes: &mut Vec<String>, text: String) -> usize {
         notes.iter().position(|n| *n == text).unwrap_or_else(|| {
             notes.push(text);

@@ -5,7 +5,7 @@ use sharp_metrics::Direction;
 /// A number to be ranked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RankedValue<'a> {
-    /// The number; `None` is not ranked.
+    /// The number to be ranked; `None` gets no rank.
     pub value: Option<f64>,
     /// Indices of the pairs that the number covers. Only numbers over the same pairs are ranked with each other.
     pub covers: &'a [usize],
@@ -16,8 +16,8 @@ pub struct RankedValue<'a> {
 }
 
 /// Ranks the best three numbers after rounding to `decimals`. Equal numbers share a rank, and the next rank counts all
-/// numbers before it (1, 1, 3). If some rows cover every pair, only these are ranked. If none does, rows are ranked
-/// only if all cover the same pairs. A single row has no rank.
+/// numbers before it (1, 1, 3). If some rows cover every pair, only these are ranked. Otherwise, rows are ranked only
+/// if all cover the same pairs. A single row has no rank.
 pub fn ranks(
     candidates: &[RankedValue<'_>],
     direction: Option<Direction>,
@@ -29,7 +29,7 @@ pub fn ranks(
         Some(Direction::Lower) => 1.0,
         None => return none,
     };
-    // Smaller is better from here on.
+    // After this, smaller is better.
     let goodness: Vec<Option<f64>> = candidates
         .iter()
         .map(|c| {
@@ -66,7 +66,7 @@ pub fn ranks(
         .collect()
 }
 
-/// The number as displayed, rounded to `decimals`.
+/// The number as it is displayed: rounded to `decimals`.
 pub(crate) fn rounded(value: f64, decimals: usize) -> f64 {
     if value.is_finite() {
         format!("{value:.decimals$}").parse().unwrap_or(value)

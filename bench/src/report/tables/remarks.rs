@@ -12,12 +12,12 @@ use crate::report::statistics::of_extra;
 use super::Table;
 use super::rank::rounded;
 
-/// A remark on a method that scores worse than a baseline mentions its holes if they cover at least this share of the
-/// pixels.
+/// If a method scores worse than a baseline, a remark mentions the method's holes if they cover at least this share of
+/// the pixels.
 const MIN_HOLE_SHARE: f64 = 0.01;
 
-/// The metrics that have a score in some record, and a sentence on why the other metrics have no scores. If no metric
-/// has a score, returns all metrics, and their cells state the reason.
+/// The metrics that have a score in at least one record, and a sentence on why the others, if any, have none. If no
+/// metric has a score, returns all metrics without a sentence, because the cells then state the reason.
 pub(in crate::report) fn scored(
     records: &[Record],
     metrics: &[Column],
@@ -58,25 +58,26 @@ pub(in crate::report) fn scored(
     (shown, Some(text))
 }
 
-/// A ranked row that covers every pair.
+/// A number in the comparison of methods with baselines: that of a ranked row that covers every pair.
 struct Entrant<'a> {
     method: usize,
-    /// The number as displayed, negated if higher is better, so that smaller is better.
+    /// The number as displayed, negated if higher is better, so that smaller values are better.
     badness: f64,
     /// Label and number.
     text: String,
     facts: &'a ReportMethod,
 }
 
-/// Remarks on the baselines of each dataset. They name the metrics in which a baseline has a better mean than every
-/// other method, or than a method with holes. `table` has a row for each method of the board.
+/// Remarks, for each dataset, on the metrics in which a baseline has a better mean than every other method, or than a
+/// method with holes. `table` must have a row for each method of the board.
 pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     let names = Column::names(&table.columns);
     let mut remarks = Vec::new();
     for (d, dataset) in board.datasets.iter().enumerate() {
         let mut ahead_of_all = Vec::new();
         let mut behind_one = Vec::new();
-        // For each method, the columns in which it is behind a baseline while another method is not.
+        // For each method that is behind a baseline: the metrics in which it is, except those in which it is the best
+        // method.
         let mut behind: BTreeMap<usize, Vec<String>> = BTreeMap::new();
         for (c, name) in names.iter().enumerate() {
             let (baselines, others): (Vec<Entrant<'_>>, Vec<Entrant<'_>>) =

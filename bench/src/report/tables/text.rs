@@ -5,8 +5,8 @@ use crate::io::text::visible_line;
 use crate::report::column::Column;
 
 impl Table {
-    /// Lines without trailing spaces, with footnotes below. Widths are counted in characters, which
-    /// is exact for the arrows and the infinity sign.
+    /// The table as lines without trailing spaces, with footnotes below. Widths are counted in
+    /// characters, each of which, including arrows and the infinity sign, takes one column.
     pub fn text(&self) -> String {
         let heads = Column::heads(&self.columns);
         let mut grid = vec![vec![self.row_head.to_owned()]];
@@ -31,7 +31,7 @@ impl Table {
             if let Some(n) = group.pairs {
                 title += &format!(" (n={n})");
             }
-            // A long dataset name widens the last column of its group.
+            // If a dataset's name is wider than its group, widen the group's last column.
             let room = widths.iter().map(|w| w + 2).sum::<usize>() - 2;
             if let Some(last) = widths.last_mut() {
                 *last += length(&title).saturating_sub(room);

@@ -1,7 +1,7 @@
-//! Compares shifts and focal lengths without the order of depths.
+//! Compares shifts and focal lengths on flattened Gaussians, which do not cover each other by depth.
 //!
-//! On a slanted surface, each Gaussian is partly covered by its nearer neighbours. This moves the rendering of even a
-//! correct file by up to a pixel, which must not be taken for a wrong shift or focal length.
+//! On a slanted surface, each Gaussian is partly covered by nearer neighbours. Even if a file is read correctly, this
+//! moves its rendering by up to a pixel, which must not be taken for a wrong shift or focal length.
 
 use glam::{DAffine3, DVec3};
 use sharp::gaussians::Gaussians;
@@ -12,12 +12,12 @@ use super::super::registration::shift;
 use super::{Seen, Trial};
 use crate::methods::file_reading::{FileReading, Placement};
 
-/// Ratio between neighbouring depths to which Gaussians are moved.
+/// Ratio between successive depths to which Gaussians are moved.
 const DEPTH_RATIO: f64 = 1.25;
 
 impl Trial<'_> {
-    /// How well flattened Gaussians fit the photograph: as read, and with the shift and the focal length of `placement`.
-    /// `None` if one of them cannot be rendered.
+    /// Comparisons of flattened Gaussians with the photograph: as read, and with the shift and the focal length of
+    /// `placement`. `None` if one of the two cannot be rendered.
     pub(super) fn flat_fits(
         &self,
         gaussians: &Gaussians,
@@ -45,8 +45,8 @@ impl Trial<'_> {
         Ok(shift(&part, &self.renderer.picture(&output)))
     }
 
-    /// The Gaussians seen by the camera, each moved along its ray, and scaled with it, to the nearest of a few depths.
-    /// Neighbours on a surface then mostly have the same depth and cover each other in random order.
+    /// The Gaussians seen by the camera, each moved along its ray to the nearest of a few depths and scaled
+    /// accordingly. Neighbours on a surface then mostly have the same depth and cover each other in random order.
     fn flattened(&self, gaussians: &Gaussians, camera_from_file: DAffine3) -> Gaussians {
         let seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
         let mut flat = gaussians.subset(&seen.members);
