@@ -12,7 +12,8 @@ struct BundledScene {
 }
 
 struct BundledFile {
-    /// Name of the bundled file. An EXR file of disparities is written as PFM, which the `middlebury` reader requires.
+    /// Name of the bundled file. An EXR file of disparities is extracted as PFM, which the
+    /// `middlebury` reader requires.
     name: &'static str,
     bytes: &'static [u8],
 }

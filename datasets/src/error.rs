@@ -46,7 +46,7 @@ pub enum DatasetError {
     #[error("unknown dataset format '{name}'; {known}")]
     UnknownFormat {
         name: String,
-        /// The known formats; the nearest one comes first.
+        /// Known formats, the closest match first.
         known: String,
     },
 }

@@ -47,7 +47,8 @@ impl FoundScenes {
         });
     }
 
-    /// Excludes the scenes whose ids do not satisfy `belongs`, including broken ones.
+    /// Excludes the scenes whose ids do not satisfy `belongs`, whether readable or
+    /// broken.
     pub fn choose(&mut self, belongs: impl Fn(&str) -> bool, reason: &str) {
         let (scenes, others) = std::mem::take(&mut self.scenes)
             .into_iter()

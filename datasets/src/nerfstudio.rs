@@ -205,7 +205,8 @@ fn read_scene(
         ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
     folders.extend(depth);
     folders.retain(|(unused, _)| unused != folder);
-    // A file for a single split does not list all pictures, so pictures that it does not use are no cause for a note.
+    // A file for a single split does not list all pictures, so no note is made about pictures that
+    // it does not use.
     if json.ends_with(NAMES[0]) {
         scene.note_unused(&folders);
     }
@@ -218,7 +219,7 @@ struct FrameReader<'a> {
     metres: f64,
     depth_unit: f64,
     depth_kind: DepthKind,
-    /// The level of masks that is kept; `None` if masks are not read.
+    /// Which side of masks is kept, black or white; `None` if masks are not read.
     masks: Option<Keep>,
 }
 

@@ -126,7 +126,8 @@ pub struct SettingInForce {
     pub value: String,
     /// True if the value is known to differ from the paper's procedure.
     pub proxy: bool,
-    /// True if the paper leaves this setting open, so that the value is one of several that it may have used.
+    /// True if the paper leaves this setting open; the value is then one of several that the paper
+    /// may have used.
     pub open: bool,
 }
 
@@ -147,7 +148,8 @@ impl DatasetSpec {
         }
     }
 
-    /// True if a setting says which side of masks is kept; otherwise the format defines it.
+    /// True if the format has the setting `masks`; otherwise, the format itself defines which side
+    /// of masks is kept.
     pub(crate) fn has_mask_sides(&self) -> bool {
         let mut settings = self.entry.settings.iter();
         settings.any(|setting| setting.allows("masks", "keep-black"))

@@ -51,7 +51,8 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// Names the file and why it cannot be read.
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError>;
 
-    /// The depth map's file and its values as stored; `None` if they are not whole numbers or the dataset has no depth.
+    /// The depth map's file and its values as stored; `None` if the values are not whole numbers or
+    /// the view has no stored depth.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
@@ -88,8 +89,8 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     }
 
     /// The photograph with the other interpretation of its EXIF orientation, at the size of
-    /// [`ViewContent::image`], and the setting that selects this interpretation. `None` if it has
-    /// no orientation, or if only one interpretation matches the camera.
+    /// [`ViewContent::image`], and the setting that selects this interpretation. `None` if the
+    /// photograph has no EXIF orientation, or if only one interpretation matches the camera.
     ///
     /// # Errors
     /// As for [`ViewContent::image`].

@@ -8,9 +8,9 @@ use crate::{Pairing, Scene, View, files};
 
 /// A calibration is reported if more than this fraction of the disparities lie outside the range that it states.
 const MAX_OUTSIDE: f64 = 0.1;
-/// Tolerance by which that range is widened on both sides, in pixels.
+/// Tolerance by which the stated range of disparities is widened on both sides, in pixels.
 const TOLERANCE_PX: f64 = 1.0;
-/// Additional tolerance, as a fraction of the range.
+/// Additional tolerance on both sides, as a fraction of the stated range.
 const TOLERANCE_SHARE: f64 = 0.02;
 
 /// Reports `disparities` (in pixels) that contradict the range that Middlebury's `calib.txt` states.

@@ -14,10 +14,11 @@ use super::small_view::Part;
 pub(super) enum Change {
     /// Factor by which the poses' translations must be multiplied to fit the depth.
     Scale(f64),
-    /// Focal lengths are wrong; holds which ones, and the factor by which they must be multiplied.
+    /// Focal lengths are wrong; holds which of fx and fy, and the factor by which to multiply them.
     Focal(Focal, f64),
     CentreSwapped,
-    /// Offset of the principal points to the right and down, in widths of the picture.
+    /// Principal points are off; holds the offset to add, to the right and down, in widths of the
+    /// picture.
     CentreOff(DVec2),
     /// Number of metres that must be added to the depths.
     Short(f64),
@@ -41,9 +42,9 @@ pub(super) enum Change {
     /// Pairs of views fit the poses of other views, but no consistent assignment exists, because two pictures would
     /// have the same pose.
     Unlisted,
-    /// One or several views are wrong; holds a description of which and how.
+    /// Some views are wrong; holds a description of the views and of the error.
     Views(String),
-    /// Cameras are swapped; holds a description of which.
+    /// Cameras are swapped; holds a description of which cameras.
     Cameras(String),
     /// The lenses distort; holds their [`Reading::bend`].
     Bent(f64),
@@ -51,8 +52,9 @@ pub(super) enum Change {
     Registered(Registration),
     /// Pictures or depth maps are flipped; holds a description of the direction.
     Flipped(Part, &'static str),
-    /// Pictures fit if their EXIF orientation is applied where it was ignored, or ignored where it was applied. Holds the
-    /// setting that does so. Pictures have the camera's size either way.
+    /// Pictures fit better if their EXIF orientation is applied where the reader ignored it, or
+    /// ignored where it applied it; holds the setting that selects this. Pictures have the camera's
+    /// size in both cases.
     Turned(&'static str),
 }
 

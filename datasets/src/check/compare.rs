@@ -10,8 +10,8 @@ pub(super) const MIN_GAIN: f64 = 0.1;
 pub(super) const MIN_GAIN_OF_FACTORS: f64 = 0.05;
 /// Replaces [`MIN_GAIN`] for changes to some of the views.
 pub(super) const MIN_GAIN_OF_VIEWS: f64 = 0.15;
-/// Another interpretation is judged only if at least this many samples land in other views; with fewer, too little is
-/// visible.
+/// Another interpretation is judged only if at least this many samples land in other views; fewer
+/// samples prove nothing.
 const MIN_LANDED: usize = 500;
 /// Another interpretation counts as better only if it fits better in at least this fraction of the picture tiles.
 const MIN_SHARE: f64 = 0.75;
@@ -34,8 +34,8 @@ const AGREEING: f64 = 0.9;
 /// If at least [`AGREEING`] of the depths already agree as read, a change is needed only if it raises that fraction by
 /// at least this much, or if the colours require it ([`NEARER_COLOURS`]).
 const MORE_AGREEING: f64 = 0.03;
-/// Where colours alone may show that a change is needed, they do if the change reduces their differences to this
-/// fraction or less.
+/// If colours alone may justify a change, they do so only if the change reduces colour differences
+/// to this fraction or less.
 const NEARER_COLOURS: f64 = 0.9;
 /// A tile of a picture is judged only if at least this many samples lie in it.
 const ENOUGH_IN_TILE: usize = 8;

@@ -5,7 +5,8 @@ use sharp::camera::RigidTransform;
 
 /// An alternative interpretation of the poses.
 pub(super) struct Convention {
-    /// How this reading differs from the one as read; completes "the poses fit better if read with".
+    /// How this convention differs from the reader's; completes "the poses fit better if read
+    /// with".
     pub(super) name: &'static str,
     /// Converts a pose as read to the world-to-camera pose under this convention.
     pub(super) take: Take,

@@ -60,8 +60,9 @@ impl Registration {
         zoom: 1.0,
     };
 
-    /// Depth as read at a place in a view. If the registration leads to a place without depth, the depth at the place
-    /// itself is used: leaving such places out would favour registrations that lead there.
+    /// Depth as read at a place in a view. If the registration leads to a position without depth,
+    /// the unregistered position is used instead: leaving such positions out would favour
+    /// registrations that lead there.
     fn depth_at(&self, view: &SmallView, place: DVec2) -> Option<(f64, DVec2)> {
         if *self == Self::SAME {
             return view.depth_at(place);
@@ -81,9 +82,9 @@ pub(super) struct Reading {
     pub(super) scale: f64,
     /// Factors of the focal lengths in x and y, for the view that is projected and the other view.
     pub(super) focal: [DVec2; 2],
-    /// Factors of the depths, for the same two views.
+    /// Factors of the depths, for the view that is projected and the other view.
     pub(super) depth_times: [f64; 2],
-    /// Factors of the poses' translations, for the same two views.
+    /// Factors of the poses' translations, for the view that is projected and the other view.
     pub(super) pose_times: [f64; 2],
     /// True if cx and cy are swapped.
     pub(super) centre_swapped: bool,
@@ -118,7 +119,8 @@ impl Reading {
             return point;
         }
         let true_radius = point.truncate().length() / point.z;
-        // Newton's method; for some points, a strongly distorting lens has no such direction.
+        // Newton's method, stopped after five steps, because a strongly distorting lens shows some
+        // points in no direction.
         let mut seen = true_radius;
         for _ in 0..5 {
             let slope = (1.0 + 3.0 * self.bend * seen * seen).max(0.1);
@@ -164,7 +166,7 @@ struct Landing {
     z: f64,
     tile: usize,
     colour: [f32; 3],
-    /// Loss of its depth, if the other view has depth there.
+    /// Loss of the sample's depth; `None` if the other view has no depth at `place`.
     by_depth: Option<f64>,
 }
 
@@ -181,14 +183,14 @@ pub(super) struct Explained {
     agreeing: usize,
     /// Number of samples whose colours were compared.
     pub(super) compared: usize,
-    /// Sum of the squared colour differences of these samples.
+    /// Sum of squared colour differences of the `compared` samples.
     pub(super) squares: f64,
-    /// Sums of the squared levels of these samples, in their own view and in the other.
+    /// Sums of squared levels of the `compared` samples, in their own view and in the other view.
     levels: [f64; 2],
 }
 
 impl Explained {
-    /// Projects samples of `a`, every `stride`-th of them, into `b`.
+    /// Projects every `stride`-th sample of `a` into `b`.
     pub(super) fn new(
         (a, samples): (&SmallView, &[Sample]),
         b: &SmallView,
@@ -265,9 +267,10 @@ impl Explained {
         explained
     }
 
-    /// Compares the depths of samples that land in `b`, and adds the loss of those at which it is saturated. Moves the
-    /// others, whose loss also depends on colours, to the front of `landings`, and returns their number. `b` comes with
-    /// its camera and its factor of depth, both under `reading`.
+    /// Compares the depths of samples that land in `b`, and adds the loss of those whose loss is
+    /// saturated. Moves the other landings, whose loss also depends on colours, to the front of
+    /// `landings`, and returns their number. `b` is passed with its camera and its depth factor
+    /// under `reading`.
     fn compare_depths(
         &mut self,
         landings: &mut [Landing],
@@ -347,13 +350,14 @@ impl Explained {
         self.agreeing as f64 / self.samples.max(1) as f64
     }
 
-    /// Root mean square difference of colours, in levels; `None` if none were compared.
+    /// Root mean square difference of colours, in levels; `None` if no colours were compared.
     pub(super) fn colour_levels(&self) -> Option<f64> {
         (self.compared > 0).then(|| (self.squares / (3 * self.compared) as f64).sqrt())
     }
 
-    /// The factor from this view's levels to the other's that fits best, and the root mean square difference of colours
-    /// once it is applied, in levels; `None` if too few colours were compared.
+    /// The best-fitting factor from this view's levels to the other view's, and the root mean
+    /// square colour difference after applying it, in levels; `None` if too few colours were
+    /// compared.
     pub(super) fn exposure(&self) -> Option<(f64, f64)> {
         let [own, other] = self.levels;
         let mixed = (own + other - self.squares) / 2.0;

@@ -24,7 +24,7 @@ const CENTRES: i32 = 10;
 const CENTRE_STEP: f64 = 1.12;
 /// Maximum number of searches per axis. If a search ends at the end of its range, another one starts there.
 const CENTRE_SEARCHES: usize = 3;
-/// Smaller offsets of a principal point are not reported, in widths.
+/// Smallest reported offset of a principal point, in widths of the picture.
 const MIN_OFF: f64 = 0.004;
 
 /// Colour differences count as explained if they are at most this fraction of those between unrelated places.
@@ -34,7 +34,8 @@ const MAX_EXPLAINED_COLOURS: f64 = 0.8;
 const MAX_COLOURS_LEFT: f64 = 0.75;
 /// Colour differences above this multiple of those between unrelated places are never explained.
 const MAX_COLOURS: f64 = 1.0;
-/// If more than this fraction of the loss remains, rounded poses are the more likely cause.
+/// If more than this fraction of the loss remains after a change, rounded poses are considered a
+/// likelier cause than the error that the change corrects.
 const MAX_LOSS_LEFT: f64 = 0.75;
 /// A factor of fx or fy alone is large if it is above this, or below the reciprocal of this.
 const LARGE_FACTOR: f64 = 1.25;
@@ -45,7 +46,7 @@ const MAX_LEFT_BY_LARGE_FACTOR: f64 = 0.6;
 const COARSE_SAMPLES: usize = 600;
 /// Samples per view in the fine part of a search for a factor, for a quick check.
 const FINE_SAMPLES: usize = 800;
-/// Like [`FINE_SAMPLES`], for a thorough check, whose factors are more exact.
+/// Like [`FINE_SAMPLES`], for a thorough check, which determines factors more exactly.
 const THOROUGH_SAMPLES: usize = 3000;
 
 impl Neighbours<'_> {
@@ -176,7 +177,8 @@ impl Neighbours<'_> {
         })
     }
 
-    /// Describes the contradiction, if there is one.
+    /// Describes a contradiction between the views' poses, cameras, depth and pictures; `None` if
+    /// there is none.
     pub(super) fn contradictions(&self, units: Units) -> Option<String> {
         let median_m = self.median_depth();
         let values = self.normalised(units).or_else(|| self.limited());
@@ -213,8 +215,8 @@ impl Neighbours<'_> {
         }
     }
 
-    /// False if another interpretation hardly reduces the colour differences and the pictures still look unrelated.
-    /// Then it does not correct the error, or not the only error.
+    /// False if another interpretation hardly reduces the colour differences and the pictures still
+    /// look unrelated. In that case the change corrects a wrong error, or only one of several.
     fn mends(&self, change: &Change, as_read: &[Explained], other: &[Explained]) -> bool {
         let (before, after) = (self.unexplained(as_read), self.unexplained(other));
         match change {

@@ -37,7 +37,7 @@ pub(super) struct Neighbours<'a> {
     pub(super) depth_by_pose: bool,
     /// Surrounding views, for tests of their depth with other pictures.
     pub(super) around: BTreeMap<usize, SmallView>,
-    /// Projections as pairs of indices (from, to): from a view to its neighbour, then back.
+    /// Pairs of view indices (from, to) for projections: each view to its neighbour, and back.
     pub(super) carries: Vec<(usize, usize)>,
     pub(super) stride: usize,
     pub(super) thorough: bool,
@@ -152,7 +152,8 @@ impl<'a> Neighbours<'a> {
         Explained::new((from, samples), to, (pose_a, pose_b), reading, stride)
     }
 
-    /// Evaluates the projections with each view replaced by `other(index, view)`, or unchanged where that is `None`.
+    /// Evaluates the projections with each view replaced by `other(index, view)`, or unchanged if
+    /// `other` returns `None`.
     pub(super) fn with(
         &self,
         other: &mut dyn FnMut(usize, &SmallView) -> Option<SmallView>,
@@ -195,9 +196,10 @@ impl<'a> Neighbours<'a> {
             })
     }
 
-    /// Projects the place `from` in view `i` into the next view, by depth and poses, and returns its distance from the
-    /// place `to` there, in reduced pixels. `None` if the first place has no depth. Each place is given in pixels of
-    /// the camera next to it, whose size may differ from that of the reduced view.
+    /// Projects the place `from` in view `i` into the next view, by depth and poses, and returns
+    /// its distance from the place `to` there, in reduced pixels. `None` if `from` has no depth.
+    /// `from` is in pixels of `camera`, and `to` in pixels of `next_camera`; their sizes may differ
+    /// from the reduced views'.
     pub(super) fn miss(
         &self,
         (i, camera, from): (usize, &Intrinsics, DVec2),

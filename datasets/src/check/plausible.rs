@@ -57,8 +57,9 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
     })
 }
 
-/// The size of the pictures for which a camera seems to be calibrated, as a factor of its own size; `None` if it fits
-/// its own. Another size is assumed if the principal point is far off the centre by the same factor in both directions.
+/// Ratio of the picture size for which a camera seems to be calibrated to the camera's own size;
+/// `None` if the camera fits its own size. Another size is assumed if the principal point is far
+/// off the centre by the same factor in both directions.
 fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;

@@ -16,11 +16,12 @@ const PROBED_ZOOM: f64 = 1.1;
 /// Number of steps in the search for the offset, then the ratio between consecutive factors. An offset is a tenth of
 /// the logarithm of its factor, in widths.
 const OFFSETS: (i32, f64) = (10, 1.12);
-/// Number of steps in the search for the magnification, then the ratio between them.
+/// Number of steps in the search for the magnification, then the ratio between consecutive
+/// magnifications.
 const ZOOMS: (i32, f64) = (12, 1.035);
-/// Smaller offsets are not reported, in widths.
+/// Smallest reported offset, in widths of the picture.
 const MIN_OFF: f64 = 0.008;
-/// Maximum offset along an axis, in widths.
+/// Maximum offset along an axis, in widths of the picture.
 const MAX_OFF: f64 = 0.12;
 /// Maximum magnification, and maximum reduction, of a depth map.
 const MAX_ZOOM: f64 = 1.6;

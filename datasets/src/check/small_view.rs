@@ -15,7 +15,7 @@ pub(super) const WIDEST: u32 = 256;
 /// Distance, in reduced pixels, at which colours count as unrelated.
 const APART: usize = 8;
 
-/// The part of a view that is flipped separately.
+/// The part of a view that is flipped; the other part stays as it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Part {
     Picture,

@@ -31,8 +31,9 @@ const QUANTITIES: [Quantity; 3] = [
     }),
 ];
 
-/// Applying a factor to some views is equivalent to applying its inverse to all others. A message also names the others
-/// as an alternative if correcting them leaves at most this multiple of the least loss.
+/// Applying a factor to some views is equivalent to applying its inverse to all others. A message
+/// names a correction of the others as an alternative if it leaves at most this multiple of the
+/// least loss.
 const MAX_LOSS_OF_ALTERNATIVE: f64 = 1.1;
 /// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;
@@ -107,7 +108,8 @@ impl Neighbours<'_> {
         Some((Change::Views(sentence), explained))
     }
 
-    /// These views and those around them, with every pair of neighbours; `None` if there are no others.
+    /// These views and those around them, with every pair of neighbours; `None` if there are no
+    /// views around them.
     fn wider(&self) -> Option<Self> {
         let around = self.around.iter().filter(|(_, view)| view.has_depth());
         let around = around.map(|(i, view)| (*i, (view.clone(), view.samples().collect())));

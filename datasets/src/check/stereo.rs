@@ -24,13 +24,15 @@ const BANDS: u32 = 4;
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 /// Disparities are tested with offsets of up to this value in both directions, in pixels of the reduced size.
 const OFFSETS: i32 = 40;
-/// Smaller offsets of disparities are not reported, in pixels of the photograph.
+/// Smallest reported offset of disparities, in pixels of the photograph.
 const MIN_OFFSET: f64 = 2.0;
 
-/// Middle of the units tested for depth maps stored as disparities, in metres.
+/// Centre of the range of depth units tested in case the disparity map holds depth, in metres per
+/// unit.
 const MIDDLE_UNIT_M: f64 = 0.03;
-/// Number of units tested in either direction, then the ratio between them: from 0.1 mm to 10 m. A larger step would
-/// change disparities by too many pixels where the principal points differ much.
+/// Number of units tested in either direction, then the ratio between consecutive units: from 0.1
+/// mm to 10 m. A larger step would change disparities by too many pixels where the principal points
+/// differ much.
 const UNITS: (i32, f64) = (195, 1.03);
 /// Number of rotations of the right picture that are tested in either direction.
 const SLOPES: i32 = 14;
@@ -256,13 +258,14 @@ impl Pair {
                 self.explained(left, &|d| disparity(factor, d), stride),
             )
         };
-        // Disparities of another scene may be better by chance.
+        // Another scene's disparities may also fit better by chance, so blocks must match as well.
         let is_cause = |pair: &Self, explained: &[Explained], disparity: &dyn Fn(f64) -> f64| {
             let is_confirmed = || !self.is_rectified || pair.mismatch(disparity).is_none();
             is_better(&as_read, explained, MIN_GAIN) && is_confirmed()
         };
         let (factor, scaled) = fit((40, 2_f64.powf(0.25)), &|factor, d| factor * d);
-        // Pictures that were swapped together with their disparities would have positive ones.
+        // If the pictures were swapped together with their disparities, the disparities would be
+        // positive.
         let negative = self.samples.iter().filter(|sample| sample.depth < 0.0);
         let all_swapped = if 2 * negative.count() > self.samples.len() {
             "the disparities are negated; store x in the left picture minus x in the right one"
@@ -347,8 +350,8 @@ impl Pair {
                 ));
             }
         }
-        // If depths were read as disparities, the true disparities are proportional to the reciprocals of those read,
-        // up to an offset.
+        // If the map holds depths instead of disparities, the true disparities are proportional to
+        // the reciprocals of its values, up to an offset.
         let camera = &self.left.camera;
         let offset = self.right.camera.cx - camera.cx;
         let product = camera.fx * baseline_m / (full * MIDDLE_UNIT_M);
@@ -374,7 +377,8 @@ impl Pair {
             readings.push((how, scaled));
         }
         readings.retain(|(_, explained)| is_better(&as_read, explained, MIN_GAIN));
-        // A reading under which few places land in the right picture may fit them by chance.
+        // An interpretation under which few places land in the right picture may fit these by
+        // chance.
         let most = readings
             .iter()
             .map(|(_, explained)| landed(explained))

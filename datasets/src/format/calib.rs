@@ -19,7 +19,8 @@ pub struct StereoCalibration {
     pub baseline_m: f64,
     /// Size of the pictures, if stated.
     pub size: Option<(u32, u32)>,
-    /// Lowest and highest disparity in pixels (`vmin` and `vmax`, else 0 and `ndisp`), if stated.
+    /// Lowest and highest disparity in pixels: `vmin` and `vmax`, or else 0 and `ndisp`; `None` if
+    /// the file states neither.
     pub disparities: Option<(f64, f64)>,
 }
 
@@ -83,7 +84,7 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
         (Some(width), Some(height)) => Some((pixels("width", width)?, pixels("height", height)?)),
         _ => None,
     };
-    // No depth depends on the range, so a range that cannot be read counts as absent.
+    // Depth does not depend on this range, so a range that cannot be parsed is treated as absent.
     let stated = |key: &str| entries.get(key).and_then(|text| number(key, text).ok());
     let range = stated("vmin").zip(stated("vmax"));
     let range = range.or_else(|| Some((0.0, stated("ndisp")?)));

@@ -19,14 +19,14 @@ pub struct Model {
     pub cameras: Cameras,
     /// Images in file order.
     pub images: Vec<ColmapImage>,
-    /// The files that were read: first that of the cameras, then that of the images.
+    /// The files that were read: the cameras' file, then the images'.
     pub files: Vec<PathBuf>,
     /// Notes on files in the same folder that were not read.
     pub notes: Vec<String>,
 }
 
 impl Model {
-    /// The file that lists the pictures.
+    /// Path of the file that lists the images.
     pub(crate) fn images_file(&self) -> &Path {
         &self.files[1]
     }
@@ -67,7 +67,8 @@ fn has_model(folder: &Path, extension: &str) -> bool {
     names.all(|name| folder.join(format!("{name}.{extension}")).is_file())
 }
 
-/// The kind of files to read, `bin` or `txt`. If both kinds are complete, or neither is, it is `bin`, as in COLMAP.
+/// File extension of the model to read, `bin` or `txt`: `txt` only if there is a complete text
+/// model but no complete binary one, as in COLMAP.
 fn kind(folder: &Path) -> &'static str {
     let only_text = has_model(folder, "txt") && !has_model(folder, "bin");
     if only_text { "txt" } else { "bin" }
@@ -243,8 +244,8 @@ fn read_cameras_of(file: &Path) -> Result<Cameras, DatasetError> {
     }
 }
 
-/// Reads the points of a model; their file is of the same kind as the other files. `None` if there
-/// are none.
+/// Reads the points of a model; text or binary, like the model's other files. `None` if the model
+/// has no points file.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.

@@ -72,7 +72,7 @@ fn node(element: roxmltree::Node<'_, '_>) -> Result<Node, FormatError> {
     Ok(Node::Matrix { rows, cols, data })
 }
 
-/// All text directly inside an element, which may be interrupted by comments.
+/// Concatenates the text directly inside an element, which comments may split.
 fn text_of(element: roxmltree::Node<'_, '_>) -> String {
     let texts = element.children().filter(roxmltree::Node::is_text);
     texts.filter_map(|text| text.text()).collect()

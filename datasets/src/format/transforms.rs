@@ -34,7 +34,7 @@ pub struct JsonFrame {
     intrinsics: RawIntrinsics,
     /// Intrinsics that the file states for all its frames.
     shared: Arc<RawIntrinsics>,
-    /// True if the frame's own intrinsics differ from the file's. The frame's are used unless
+    /// True if the frame's own intrinsics differ from the file's. The frame's own are used unless
     /// [`JsonFrame::prefer_file`] is called.
     pub contradicts_file: bool,
 }

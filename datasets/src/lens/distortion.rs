@@ -46,7 +46,8 @@ pub enum Distortion {
 }
 
 impl Distortion {
-    /// Creates a perspective model with the given radial coefficients; the others are 0.
+    /// Creates a perspective model with the given radial coefficients; the other coefficients are
+    /// 0.
     pub fn perspective(model: &'static str, radial: &[f64], p: [f64; 2]) -> Self {
         let mut k = [0.0; 6];
         k[..radial.len()].copy_from_slice(radial);

@@ -130,7 +130,8 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
         photo.above(&format!("nerfstudio/{json}")),
     )];
     if undistorted {
-        // Depth maps are rendered with the fisheye camera; depth from a mesh does not need it.
+        // Depth maps are rendered with the fisheye camera; depth from a mesh does not need that
+        // camera.
         let fisheye = RequiredFile::depth(photo.above("nerfstudio/transforms.json"));
         files.push(fisheye.or(mesh()));
     }
@@ -331,7 +332,7 @@ enum DepthFrom {
     None,
     Rendered(PathBuf),
     Mesh(ScanFile),
-    /// Points, and the ids of the model's images, keyed by the frame's id.
+    /// Points, and for each frame id the id of the image in the model.
     Points(PointTracks, Vec<(String, u32)>),
 }
 

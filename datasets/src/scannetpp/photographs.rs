@@ -102,7 +102,7 @@ impl DslrPhotographs {
     /// Depth map rendered by the toolbox with the fisheye camera.
     ///
     /// # Errors
-    /// If there is no such camera for the picture.
+    /// If the picture's fisheye camera is missing.
     pub(super) fn rendered_depth(
         &self,
         map: PathBuf,

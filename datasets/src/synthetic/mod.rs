@@ -256,8 +256,8 @@ impl SyntheticScene {
         &self.views
     }
 
-    /// The same world seen by any camera. If its lens distorts, picture and depth are those of the lens, not of the
-    /// pinhole that the view's intrinsics describe.
+    /// A view of the same world through any camera. If the lens distorts, picture and depth are
+    /// those of the lens, not of the pinhole that the view's intrinsics describe.
     pub fn view_through(&self, id: &str, lens: Lens, camera_from_world: RigidTransform) -> View {
         let samples = self.options.samples;
         view_of(&self.world, id.to_owned(), lens, camera_from_world, samples)

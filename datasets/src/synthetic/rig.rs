@@ -24,7 +24,7 @@ impl Rig {
     /// With this radius, no two cameras are more than 60 cm apart, even though some are moved forward by 2 cm.
     pub(super) const WIDEST_RADIUS_M: f64 = 0.2995;
 
-    /// Horizontal field of view of 58 degrees.
+    /// Rig of the classic scene, with a horizontal field of view of 58 degrees.
     pub(super) const CLASSIC: Self = Self {
         outer_radius_m: Self::WIDEST_RADIUS_M,
         target: DVec3::new(0.1, 0.15, 4.0),

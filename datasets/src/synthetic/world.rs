@@ -54,7 +54,7 @@ impl Object {
         let to_center = center - origin;
         let along = to_center.dot(direction);
         let outside = to_center.dot(to_center) - square_radius;
-        // Behind the origin, or the ray misses the sphere.
+        // The sphere is behind the origin, or the ray misses it.
         let square_length = direction.dot(direction);
         if outside > 0.0 && (along < 0.0 || along * along < outside * square_length) {
             return None;
@@ -249,8 +249,8 @@ impl World {
             && !surface(a).is_some_and(layered)
     }
 
-    /// Linear light that arrives along the rays, summed over them. `sample` is the width
-    /// of the surface that one ray stands for at a depth of 1.
+    /// Sum over the rays of a sight of the linear light that arrives along them. `sample` is the
+    /// width of surface that one ray represents at a depth of 1.
     pub(super) fn radiance(&self, sight: &Sight, sample: f64) -> DVec3 {
         let (light, share) = (&self.light, 1.0 / sight.rays);
         let direction = sight.direction * share;
@@ -269,9 +269,9 @@ impl World {
         seen * (light.exposure * sight.rays)
     }
 
-    /// Linear light that leaves a surface at `point` against the ray's direction, after the haze on its way. The
-    /// distance in `meeting` is that along the whole path from the camera. At most `layers` more mirrors and panes are
-    /// followed.
+    /// Linear light that leaves a surface at `point` against the ray's direction, attenuated by
+    /// haze. The distance in `meeting` is the length of the whole path from the camera. At most
+    /// `layers` more mirrors and panes are followed.
     fn seen(
         &self,
         object: usize,

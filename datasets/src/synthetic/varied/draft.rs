@@ -189,8 +189,8 @@ impl<'a> Draft<'a> {
     }
 
     /// Finds and occupies a free circle on the floor (y = 0) that is in view and whose centre
-    /// satisfies `allowed`. Its depth, from `near` to `far`, is drawn half of the time uniformly in
-    /// depth and half of the time uniformly in disparity.
+    /// satisfies `allowed`. The centre's depth, from `near` to `far`, is drawn half of the time
+    /// uniformly in depth and half of the time uniformly in disparity.
     pub(super) fn spot(
         &mut self,
         (near, far): (f64, f64),
