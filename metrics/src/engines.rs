@@ -203,7 +203,8 @@ impl Engines {
                 pictures.iter().map(|p| to_shorter_side_256(p)).collect();
             let unchanged = matches!(resized[0], Cow::Borrowed(_));
             if unchanged && wanted(Metric::Dists) {
-                // The pictures are too small to be reduced, so both metrics have the same value.
+                // The pictures are too small to be reduced, so `dists` and `dists[resize256]` have
+                // the same value.
                 for learned in &mut learned {
                     if let Some(full) = learned.dists.get(&Resolution::Full).cloned() {
                         learned.dists.insert(Resolution::Side256, full);

@@ -106,7 +106,7 @@ pub struct OwnWeights {
     pub package: String,
     /// File in the package.
     pub file: String,
-    /// SHA-256 of that file; this crate contains the same values.
+    /// SHA-256 of the published file; this crate contains the same values.
     pub sha256: String,
 }
 

@@ -198,7 +198,8 @@ fn squared_lengths_body(row: &[f32], channels: usize, out: &mut [f64]) {
     }
 }
 
-/// Squared length of a feature vector, given in blocks of 8 channels; the taps of every network have a multiple of 64.
+/// Squared length of a feature vector, given in blocks of 8 channels; the number of channels at
+/// every tap is a multiple of 64.
 #[inline(always)]
 fn squared_length(vector: &[[f32; 8]]) -> f64 {
     let mut sum = [0.0_f64; 8];

@@ -153,12 +153,12 @@ impl Picture {
 pub(crate) struct Normalization {
     factor: [f64; 3],
     offset: [f64; 3],
-    /// Result for every 8-bit level.
+    /// Normalised value of every 8-bit level, per channel.
     levels: [[f32; 3]; 256],
 }
 
 impl Normalization {
-    /// `((stretch × value + start) − mean) / deviation` for each channel.
+    /// Normalises by `((stretch × value + start) − mean) / deviation` for each channel.
     pub(crate) fn new(stretch: f64, start: f64, mean: [f32; 3], deviation: [f32; 3]) -> Self {
         let factor = deviation.map(|deviation| stretch / f64::from(deviation));
         let offset =
@@ -278,7 +278,8 @@ impl Mask {
         }
     }
 
-    /// Half the size, rounded down. A pixel is inside if all four of its source pixels are.
+    /// Reduces the mask to half its size, rounded down. A pixel is inside if all four of its source
+    /// pixels are inside.
     pub(crate) fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let rows = (0..height as usize).flat_map(|y| {

@@ -25,12 +25,13 @@ pub struct Scorer {
 /// Contribution of each layer to the value of a learned metric.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Terms {
-    /// The value of LPIPS is the sum of these, one per layer.
+    /// Terms of LPIPS, one per layer; their sum is the value.
     Lpips {
         /// Mean weighted distance of each layer.
         layers: Vec<f64>,
     },
-    /// The value of DISTS is 1 minus the sum of these, one each for the picture and five layers.
+    /// Terms of DISTS, for the picture itself and five layers; the value is 1 minus the sum of all
+    /// terms.
     Dists {
         /// Weighted similarity of means.
         structure: [f64; 6],
@@ -191,15 +192,17 @@ impl Scorer {
         results
     }
 
-    /// Approximate memory in bytes that [`score_all`](Self::score_all) uses for predictions of a
-    /// size: the rows that the networks buffer for each picture, and the local distances of masked
-    /// metrics. The pictures, the networks' weights and device memory are not included.
+    /// Approximate memory in bytes that [`score_all`](Self::score_all) uses for `predictions`
+    /// predictions of the given size: the rows that the networks buffer for each picture, and the
+    /// local distances of masked metrics. The pictures, the networks' weights and device memory are
+    /// not included.
     pub fn memory_bytes(&self, size: (u32, u32), predictions: usize) -> u64 {
         self.engines.memory(size, predictions, &self.keys) as u64
     }
 
-    /// [`score`](Self::score), with the terms of LPIPS and DISTS and, if requested, the maps of
-    /// SSIM and LPIPS, at no extra cost. Terms and maps cover the whole picture.
+    /// Like [`score`](Self::score), but also returns the terms of LPIPS and DISTS and, if
+    /// `with_maps`, the maps of SSIM and LPIPS, at no extra cost. Terms and maps cover the whole
+    /// picture.
     ///
     /// # Errors
     /// As for [`score`](Self::score).

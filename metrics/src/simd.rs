@@ -13,7 +13,7 @@ macro_rules! with_widest_vectors {
             match sharp_kernels::Simd::detect().instruction_set() {
                 // SAFETY: a `Simd` of this set exists only if the machine supports it.
                 sharp_kernels::InstructionSet::Avx512 => unsafe { avx512($($arg),*) },
-                // SAFETY: as above.
+                // SAFETY: a `Simd` of this set exists only if the machine supports it.
                 sharp_kernels::InstructionSet::Avx2 => unsafe { avx2($($arg),*) },
                 sharp_kernels::InstructionSet::Portable => $body($($arg),*),
             }

@@ -45,7 +45,8 @@ pub(crate) struct Buffer {
     first: usize,
     /// Rows from `first` on; row-major, channels innermost.
     kept: Vec<f32>,
-    /// The rows that follow, `fresh_len` values.
+    /// Block with the new rows, which follow those in `kept`; only its first `fresh_len` values are
+    /// in use.
     fresh: Vec<f32>,
     fresh_len: usize,
 }

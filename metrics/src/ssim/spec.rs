@@ -88,8 +88,8 @@ impl SsimSpec {
         }
     }
 
-    /// Offset of the map's origin from that of the picture, along both axes: a value of the map belongs to the pixel at
-    /// its window's centre.
+    /// Offset of the map's origin from the picture's, in pixels along both axes: a value of the map
+    /// belongs to the pixel at its window's centre.
     pub(super) fn origin(&self) -> usize {
         match self.form.border {
             SsimBorder::Valid => self.radius,

@@ -53,8 +53,8 @@ impl Published {
         cache.join(format!("{stem}.features.safetensors"))
     }
 
-    /// The file with the network's weights in `folder`, if there is one. It may have the name that this program's
-    /// download gives it, torchvision's, or the network's.
+    /// The file with the network's weights in `folder`, if there is one. Accepted file names: that
+    /// of this program's own downloads, torchvision's, and the network's name.
     fn in_folder(&self, folder: &Path) -> Option<PathBuf> {
         let plain = folder.join(format!("{}.safetensors", self.backbone));
         let files = [self.cached(folder), folder.join(&*self.file), plain];
