@@ -19,8 +19,8 @@ pub struct MaxPool {
 impl MaxPool {
     /// Creates a pooling over windows of `size` × `size`, one every `stride` pixels.
     ///
-    /// `ceil`: if true, a last window that extends beyond the image is kept and pools only the pixels it covers
-    /// (PyTorch's `ceil_mode`). It must still start inside the image.
+    /// `ceil`: if true, a last window that extends beyond the image is kept and pools only the
+    /// pixels it covers (PyTorch's `ceil_mode`). Such a window must still start inside the image.
     ///
     /// # Panics
     /// If `size` or `stride` is zero.

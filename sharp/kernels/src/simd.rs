@@ -169,7 +169,7 @@ macro_rules! per_instruction_set {
                 match simd.instruction_set() {
                     // SAFETY: a `Simd` of this set exists only if the machine supports it.
                     $crate::InstructionSet::Avx512 => return unsafe { avx512($($arg),*) },
-                    // SAFETY: as above.
+                    // SAFETY: a `Simd` of this set exists only if the machine supports it.
                     $crate::InstructionSet::Avx2 => return unsafe { avx2($($arg),*) },
                     $crate::InstructionSet::Portable => {}
                 }

@@ -88,7 +88,8 @@ pub(crate) struct SharedOut<'a> {
 // SAFETY: access is through `slice` and `pointer`, whose callers guarantee that no two threads access the same
 // elements.
 unsafe impl Send for SharedOut<'_> {}
-// SAFETY: as above.
+// SAFETY: access is through `slice` and `pointer`, whose callers guarantee that no two threads
+// access the same elements.
 unsafe impl Sync for SharedOut<'_> {}
 
 impl<'a> SharedOut<'a> {

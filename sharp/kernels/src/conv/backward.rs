@@ -146,9 +146,9 @@ pub fn bias_gradient(upstream: &[f32], channels: usize) -> Vec<f32> {
     (0..channels).map(of).collect()
 }
 
-/// Gradient with respect to the input, with weights packed for it. It is itself a convolution, with input and output
-/// channels swapped and the kernel's taps reversed. If the forward stride exceeds 1, zeros are inserted between the
-/// pixels of the upstream gradient.
+/// Gradient of a convolution with respect to its input, with packed weights. This gradient is
+/// itself a convolution, with input and output channels swapped and the kernel's taps reversed. If
+/// the forward stride exceeds 1, zeros are inserted between the pixels of the upstream gradient.
 #[derive(Debug, Clone)]
 pub struct InputGradient {
     conv: Conv2d,

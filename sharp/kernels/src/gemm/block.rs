@@ -22,7 +22,7 @@ pub(crate) struct ProductBlock<'a> {
     pub(crate) panels: Range<usize>,
     pub(crate) epilogue: Epilogue<'a>,
     pub(crate) out: SharedOut<'a>,
-    /// Distance between rows in `out`, used where they are equally spaced.
+    /// Distance between rows in `out`; used if the rows are equally spaced.
     pub(crate) out_stride: usize,
 }
 
@@ -130,12 +130,13 @@ impl ProductBlock<'_> {
                 } else {
                     (bias.as_ptr(), 0)
                 };
-                // SAFETY: as above; the output is a whole tile owned by this function.
+                // SAFETY: as for the direct call above, except that the output is a whole tile
+                // owned by this function.
                 unsafe { kernel(kc, a, b.as_ptr(), c, nr, init, init_stride) };
                 if last {
                     self.finish(c, nr, &part, bias);
                 }
-                // SAFETY: as for `gather`.
+                // SAFETY: these elements are exclusively ours by the caller's contract.
                 unsafe { part.scatter(&spare, nr, &self.out) };
             }
         }
