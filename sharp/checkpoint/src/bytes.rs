@@ -11,7 +11,8 @@ use sha2::{Digest, Sha256};
 use crate::error::Fault;
 use crate::hash::hex;
 
-/// Random access to the bytes of a checkpoint: its table of contents and its tensors are read through this.
+/// Random access to the bytes of a checkpoint, through which its table of contents and its tensors
+/// are read.
 pub(crate) trait Bytes {
     /// Length of the file when it was opened.
     fn len(&self) -> usize;
