@@ -422,8 +422,9 @@ const FIRST_STAGE: &str = "stage1";
 /// Number of examples prefetched while a step computes.
 const SAMPLES_AHEAD: usize = 3;
 /// Number of examples of a batch computed concurrently. Much of a pass is too small for several
-/// threads, and two passes fill each other's idle time. More than two would only need more memory. One
-/// pass of a network that recomputes occupies all threads.
+/// threads, and two passes fill each other's idle time; more would only need more memory. Networks
+/// that recompute intermediate tensors run one example at a time, because one pass then occupies
+/// all threads.
 const EXAMPLES_AT_ONCE: usize = 2;
 
 #[cfg(test)]

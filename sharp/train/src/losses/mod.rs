@@ -44,7 +44,7 @@ pub struct Loss<G> {
 /// Elements per task. A constant, so that results do not depend on the number of threads.
 const CHUNK: usize = 8192;
 
-/// Sums over `0..count`: each index returns its value and its element of the gradient.
+/// Sums over `0..count`; `each(index)` returns the index's summand and its element of the gradient.
 fn sum_over<G: Clone + Default + Send>(
     count: usize,
     each: impl Fn(usize) -> (f64, G) + Sync,

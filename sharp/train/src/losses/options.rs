@@ -107,7 +107,8 @@ fn is_weight(value: f64) -> bool {
 pub struct LossOptions {
     /// Reduction over the channels of a pixel in `color`.
     pub color_channels: Channels,
-    /// Views of `alpha`: the equation sums both views, the text mentions the input view.
+    /// Views on which `alpha` is computed: the paper's equation sums both views, its text mentions
+    /// the input view.
     pub alpha_views: AlphaViews,
     /// Lower limit (0..1) of alpha before its logarithm is taken. The gradient is zero where alpha is lower.
     pub alpha_floor: f64,
@@ -121,7 +122,7 @@ pub struct LossOptions {
     pub grad_stops_at_depth: bool,
     /// Where `grad` measures edges of depth.
     pub grad_at: GradAt,
-    /// Differences of `grad`.
+    /// Finite differences that `grad` uses.
     pub grad_difference: Difference,
     /// Norm |∇| of `grad`.
     pub grad_norm: GradientNorm,
