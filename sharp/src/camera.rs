@@ -289,9 +289,10 @@ pub fn baseline_m(a_from_world: &RigidTransform, b_from_world: &RigidTransform) 
         .distance(b_from_world.camera_center())
 }
 
-/// Affine map from a source photograph's normalised space directly to the target's camera space: `E_t E_s⁻¹ K_s⁻¹` of
-/// the paper's `P = K_t E_t E_s⁻¹ K_s⁻¹` (K_s is [`Intrinsics::ndc_from_camera`]). Applied to Gaussians
-/// predicted from the source, it needs no SVD and loses no precision.
+/// Affine map from a source photograph's normalised space directly to the target's camera space:
+/// `E_t E_s⁻¹ K_s⁻¹` of the paper's `P = K_t E_t E_s⁻¹ K_s⁻¹` (K_s is
+/// [`Intrinsics::ndc_from_camera`]). Applied to Gaussians predicted from the source, the map needs
+/// no SVD and loses no precision.
 pub fn target_camera_from_source_ndc(
     source: &Intrinsics,
     target_from_source: &RigidTransform,

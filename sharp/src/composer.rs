@@ -123,7 +123,7 @@ fn logit(p: f64) -> f64 {
 }
 
 fn softplus(x: f64) -> f64 {
-    // The release defines the function as the identity above 20.
+    // The release defines softplus as the identity above 20.
     if x > 20.0 { x } else { x.exp().ln_1p() }
 }
 

@@ -1,8 +1,8 @@
 //! Base Gaussians from an image and its depth layers, before any learned refinement.
 //!
-//! Depth is normalised so that its nearest point is at 1, and clamped to 100. Every block of `stride × stride` pixels
-//! of every layer becomes one Gaussian at the block's nearest depth. The network refines these; the `depth-splat`
-//! method renders them unchanged.
+//! Depth is normalised so that its nearest point is at 1, and clamped to 100. Every block of
+//! `stride × stride` pixels of every layer becomes one Gaussian at the block's nearest depth. The
+//! network refines these Gaussians; the `depth-splat` method renders them unchanged.
 
 #[cfg(feature = "render")]
 mod backward;

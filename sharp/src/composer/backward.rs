@@ -124,7 +124,8 @@ impl Block {
             deltas[3 + c] =
                 scales[c] * size_per_z * z * MAX_SCALE * SCALE_SLOPE * sigmoid_slope(share);
         }
-        // Mean and scales are proportional to z before that multiplication, and to `global_scale` after it.
+        // Mean and scales are proportional to z before multiplication by `global_scale`, and to
+        // `global_scale` after it.
         let global_scale = (of_z + of_size * size_per_z) * z / self.global_scale;
         of_z += of_size * size_per_z;
         deltas[0] = f64::from(XY_FACTOR) * mean[0] * z;
@@ -153,8 +154,8 @@ impl Block {
     }
 }
 
-/// Derivative of the sigmoid, as sigmoid(x) · sigmoid(−x). Unlike s · (1 − s), which is 0 above x ≈ 37, this becomes 0
-/// only where e⁻ˣ does.
+/// Derivative of the sigmoid, as sigmoid(x) · sigmoid(−x). Unlike s · (1 − s), which is 0 above x ≈
+/// 37, this product is 0 only where e⁻ˣ is 0.
 fn sigmoid_slope(x: f64) -> f64 {
     sigmoid(x) * sigmoid(-x)
 }

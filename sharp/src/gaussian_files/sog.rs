@@ -201,7 +201,7 @@ impl Sog {
         match self.meta["model"].as_str() {
             Some("antialiased") => marks.antialiased = Some(true),
             Some("2dgs") => marks.set_mode(SplatRenderMode::Flat),
-            // Written by spark.
+            // The program spark writes this entry.
             _ if self.meta["antialias"] == true => marks.antialiased = Some(true),
             _ => {}
         }

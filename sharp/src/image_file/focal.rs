@@ -13,7 +13,8 @@ pub enum FocalSource {
     /// The physical focal length stated in the file, in millimetres. Below 10 it is assumed to be a phone's and
     /// multiplied by 8.4, as in the release.
     Lens(f64),
-    /// Nothing stated: assumes 30 mm (35 mm equivalent). This silently determines the metric scale.
+    /// No focal length is stated: assumes 30 mm (35 mm equivalent), which silently determines the
+    /// metric scale.
     Default,
 }
 
@@ -183,7 +184,8 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
     })
 }
 
-/// Warns about a 35 mm equivalent that no lens has. Some programs write the lens's own focal length there.
+/// Warns about a 35 mm equivalent that no lens has. Some programs write the lens's own focal length
+/// in its place.
 fn unlikely(source: FocalSource, px: f64) -> Option<String> {
     match source {
         FocalSource::Equivalent35mm(mm) if !LENSES_MM.contains(&mm) => Some(format!(
@@ -223,7 +225,8 @@ struct Sensor {
 }
 
 impl Sensor {
-    /// Computes the focal length from the pixel pitch that the file states; `None` if it states none.
+    /// Computes the focal length from the pixel pitch that the file states; `None` if the file
+    /// states no pixel pitch.
     fn of(exif: &Exif, stated: (f64, f64), size: (f64, f64)) -> Option<Self> {
         let per_unit = positive(exif, Tag::FocalPlaneXResolution)?;
         let lens_mm = positive(exif, Tag::FocalLength)?;

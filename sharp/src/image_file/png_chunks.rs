@@ -28,7 +28,7 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
                 "the checksum (CRC) of its {name} chunk is wrong: the file is damaged"
             ));
         }
-        // A palette consists of RGB triples; the decoder relies on it.
+        // A palette consists of RGB triples; the decoder relies on this.
         if name == "PLTE" && (!length.is_multiple_of(3) || !(3..=768).contains(&length)) {
             return Err(format!(
                 "its palette has {length} bytes, which is not a list of colours"

@@ -71,8 +71,8 @@ choices! {
     #[derive(Default)]
     /// Treatment of the EXIF orientation.
     OrientationRule {
-        /// Without a camera, the picture is turned upright. With one, it is turned only if it has the camera's size
-        /// upright, but not as stored.
+        /// Without a camera, the picture is turned upright. With a camera, the picture is turned
+        /// only if it has the camera's size when upright, but not as stored.
         #[default]
         Auto = "auto",
         Stored = "stored",

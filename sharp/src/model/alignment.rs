@@ -1,5 +1,5 @@
-//! A small U-Net that predicts a map of factors from predicted to known depth. It was trained along with the network;
-//! prediction does not need it.
+//! A small U-Net that predicts a map of factors from predicted to known depth. The U-Net was
+//! trained along with the main network; prediction does not need it.
 
 use candle_core::{Result, Tensor};
 use candle_nn::Module;

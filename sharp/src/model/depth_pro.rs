@@ -114,7 +114,7 @@ impl WeightSource for DepthProSource {
     }
 }
 
-/// Metric depth of a photograph, and the focal length that it assumes.
+/// Metric depth of a photograph, and the focal length that the depth assumes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MetricDepth {
     /// z-depth in metres, 1e-4..1e4, `[height, width]` of the photograph.

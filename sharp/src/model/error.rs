@@ -60,7 +60,7 @@ pub enum ModelError {
     Gradient(#[from] ComposerGradientError),
     #[error("{0}")]
     Device(String),
-    /// The observer stopped the prediction; its reason.
+    /// The observer stopped the prediction; holds the observer's reason.
     #[error("{0}")]
     Stopped(String),
 }

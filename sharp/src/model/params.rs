@@ -21,7 +21,7 @@ pub trait WeightSource: Send + Sync {
     /// Values of the parameter `name` with `shape`, in C order of PyTorch's layout.
     ///
     /// # Errors
-    /// [`ModelError`] if they cannot be read.
+    /// [`ModelError`] if the values cannot be read.
     fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError>;
 }
 

@@ -100,7 +100,7 @@ impl Predictor {
         Self::from_source(&spec.config, checkpoint, compute)
     }
 
-    /// [`Self::predict`] for a decoded picture, without an observer.
+    /// Like [`Self::predict`], for a decoded picture, without an observer.
     ///
     /// # Errors
     /// As for [`Self::predict`].

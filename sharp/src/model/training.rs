@@ -38,8 +38,8 @@ pub struct TrainingInput<'a> {
     /// Focal length divided by width, both in pixels of the original image.
     pub disparity_factor: f32,
     /// True depth of the image, `[R, R]` in metres, to which the alignment network scales the
-    /// predicted depth; without it the factors are 1. It is infinite in the sky. At pixels where it
-    /// is 0 (unknown), the network receives the first predicted layer instead.
+    /// predicted depth; without it the factors are 1. Infinite in the sky. At pixels where the
+    /// depth is 0 (unknown), the network receives the first predicted layer instead.
     pub known_depth: Option<&'a [f32]>,
     /// If true, a gradient that would raise a disparity passes even where the disparity is below its lower bound. If
     /// false, a randomly initialised network may drop below the bound everywhere and never recover. At the bound

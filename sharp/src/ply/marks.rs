@@ -33,7 +33,7 @@ pub enum SplatRenderMode {
 /// A file's information about how it is meant to be rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FileMarks {
-    /// `None` if the format cannot store it.
+    /// Program that wrote the file; `None` if the format cannot store it.
     pub generator: Option<Generator>,
     /// True if opacities are compensated for the low-pass filter; `None` if the file does not state it.
     pub antialiased: Option<bool>,
@@ -91,7 +91,7 @@ impl FileMarks {
     }
 
     /// Rejects flat Gaussians, which no rule supports. If SHARP's rendering rule is to be used,
-    /// also rejects files made for another.
+    /// also rejects files made for another rule.
     ///
     /// # Errors
     /// [`PlyReason::OtherRule`] names the program that the file was made for.

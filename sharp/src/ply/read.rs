@@ -35,7 +35,7 @@ impl Decoded {
     /// Decodes the scene, with `given` overriding the format's encodings.
     ///
     /// # Errors
-    /// [`PlyReason`], if the file cannot be read this way.
+    /// [`PlyReason`] if the values are invalid in these encodings or for another rendering rule.
     pub(crate) fn scene(mut self, given: &StoredForm) -> Result<GaussianScene, PlyReason> {
         if given.marks != Some(Marks::Ignore) {
             self.marks.check_rule(given)?;

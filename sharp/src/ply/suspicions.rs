@@ -22,7 +22,7 @@ pub struct Suspicion {
     /// Topic, e.g. `overflow`, or the setting that would fix the reading, e.g. `opacity=linear`. Only one doubt per
     /// topic is reported.
     pub about: &'static str,
-    /// The reason, and the setting that would fix it.
+    /// Reason for the doubt, and the setting that would fix the reading.
     pub text: String,
 }
 

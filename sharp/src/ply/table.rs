@@ -38,7 +38,7 @@ impl Scalar {
         })
     }
 
-    /// Bytes in a binary file.
+    /// Number of bytes that a value takes in a binary file.
     fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -62,7 +62,8 @@ pub struct Property {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
     pub name: String,
-    /// Number of rows according to the header. [`Body::rows`] checks it against the size of the file.
+    /// Number of rows according to the header. [`Body::rows`] checks this number against the size
+    /// of the file.
     pub count: usize,
     pub properties: Vec<Property>,
 }

@@ -7,8 +7,9 @@ use crate::color::srgb_from_linear;
 /// Layout of a written file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PlyForm {
-    /// As in the release: the Gaussians are followed by camera, size, quantiles of disparity, colour space and version.
-    /// Some third-party viewers fail on these. View-dependent colour cannot be stored.
+    /// As in the release: the Gaussians are followed by camera, size, quantiles of disparity,
+    /// colour space and version. Some third-party viewers fail on these additions. View-dependent
+    /// colour cannot be stored.
     #[default]
     Release,
     /// Only the Gaussians, in the layout of 3D Gaussian Splatting. The colour space of SHARP's scenes is stored in a

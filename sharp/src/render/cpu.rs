@@ -37,7 +37,8 @@ pub(super) struct BinScratch {
 }
 
 impl BinScratch {
-    /// Collects a bin's Gaussians, front to back, relative to the bin's first pixel. Returns that pixel.
+    /// Collects a bin's Gaussians, front to back, relative to the bin's first pixel. Returns the
+    /// position of that pixel.
     pub(super) fn load(
         &mut self,
         (grid, bin): (BinGrid, usize),
@@ -76,7 +77,7 @@ impl CpuRenderer {
         }
     }
 
-    /// Sets a tile size other than 4×4.
+    /// Sets the tile size; the default is 4×4 pixels.
     #[must_use]
     pub fn with_tile_size(self, tile: TileSize) -> Self {
         Self { tile, ..self }

@@ -99,8 +99,8 @@ impl RenderOutput {
         }
     }
 
-    /// [`Self::srgb`] quantised to 8 bit. Scoring uses [`Quantization::Round`], the release's video writer
-    /// [`Quantization::Truncate`].
+    /// Like [`Self::srgb`], quantised to 8 bit. Scoring uses [`Quantization::Round`], the release's
+    /// video writer [`Quantization::Truncate`].
     pub fn srgb8(&self, background: Background, rule: Quantization) -> RgbImage {
         let encode = self.encoding();
         self.picture(background, |x| quantize(encode(x), rule))

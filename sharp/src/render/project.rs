@@ -80,7 +80,7 @@ const SUPPORT_TILE: f64 = 16.0;
 /// Share by which the box is enlarged. Together with [`BOX_MARGIN_PX`], this exceeds the distance by which rounding in
 /// `raster` can move the 1/255 contour.
 const RELATIVE_BOX_MARGIN: f64 = 1e-4;
-/// Pixels by which the box is then enlarged on each side.
+/// Pixels by which the box is enlarged on each side, after [`RELATIVE_BOX_MARGIN`].
 const BOX_MARGIN_PX: f64 = 1e-4;
 
 /// Margin of the exponent at which `raster` stops; allows for rounding in `raster` and in `log2`.
@@ -245,7 +245,7 @@ fn block(
     }
 }
 
-/// True if the determinant is positive and f32 can represent the factor. NaN gives false.
+/// True if the determinant is positive and f32 can represent the conic's factor. NaN gives false.
 fn is_drawable(c: &Columns, i: usize) -> bool {
     let finite = c.factor.iter().all(|column| column[i].is_finite())
         && c.center.iter().all(|column| column[i].is_finite())
@@ -268,7 +268,7 @@ fn footprint(c: &Columns, i: usize, constants: &ViewConstants) -> Footprint {
             first = first.max(tile(at - radius));
             last = last.min(tile(at + radius + SUPPORT_TILE - 1.0) - 1.0);
         }
-        // Both are in 0..65535 if the range is not empty.
+        // `first` and `last` are in 0..65535 if the range is not empty.
         (first <= last).then_some((first as u16, last as u16))
     };
     match (range(0), range(1)) {

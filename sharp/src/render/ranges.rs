@@ -7,8 +7,9 @@ use super::emit::BIN;
 use super::project::{Footprint, Splat};
 use super::scan::scan;
 
-/// A Gaussian relative to one bin: the mean is relative to the bin's corner, so that a pixel's distance from it has the
-/// same precision anywhere in the image, and does not depend on the tile size.
+/// A Gaussian relative to one bin: the mean is relative to the bin's corner, so that a pixel's
+/// distance from the mean has the same precision anywhere in the image and does not depend on the
+/// tile size.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LocalSplat<S = f32> {
     pub(super) mean: [S; 2],
@@ -20,7 +21,7 @@ pub(super) struct LocalSplat<S = f32> {
     pub(super) color: [S; 3],
     /// First and last pixel within the bin: x0, x1, y0, y1.
     pub(super) reach: [u8; 4],
-    /// See [`Splat::cut`].
+    /// Alpha is below 1/255 if the exponent of 2 is larger than this.
     pub(super) cut: f32,
     /// True if the ellipse covers little of its bounding box, so that computing the tile columns of each row saves
     /// time.

@@ -14,7 +14,7 @@ use super::simd::{Lanes, Portable, per_instruction_set};
 /// Side of the square of pixels processed in one set of lanes.
 pub(super) const BLOCK: usize = 4;
 
-/// Maximum alpha of one Gaussian in a pixel by SHARP's rule, which is the rule of the derivative.
+/// Maximum alpha of one Gaussian in a pixel under SHARP's rule, the only rule with a derivative.
 pub(super) const ALPHA_MAX: f32 = Rule::SHARP.alpha_max;
 /// A pixel is finished when the next Gaussian would reduce its transmittance to this or less; that Gaussian is not
 /// added.

@@ -103,7 +103,8 @@ macro_rules! record {
 }
 
 record! {
-    /// A rendering convention. Written `NAME`, or `NAME,key=value,…` with the choices that differ from it.
+    /// A rendering convention. Written `NAME`, or `NAME,key=value,…` with the choices that differ
+    /// from the named rule.
     Rule {
         /// Added to both diagonal entries of the 2D covariance, px², ≥ 0.
         low_pass: f32 = "low-pass",
@@ -113,7 +114,8 @@ record! {
         /// Gaussians whose centre has z below this are dropped; > 0, in the unit of the scene.
         near: f32 = "near",
         near_plane: NearPlane = "near-plane",
-        /// Gaussians whose centre has z above this are dropped; z equal to it is kept.
+        /// Gaussians whose centre has z above this are dropped; a centre exactly on the far plane
+        /// is kept.
         far: f32 = "far",
         jacobian_clamp: JacobianClamp = "jacobian-clamp",
         principal_point: PrincipalPoint = "principal-point",

@@ -99,8 +99,8 @@ pub(super) struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    /// Gradient with respect to the output. If the operation ends with a ReLU (`rectified`), with respect to the values
-    /// before it.
+    /// Gradient with respect to the output or, if the operation ends with a ReLU (`rectified`),
+    /// with respect to the values before the ReLU.
     pub(super) fn upstream(&self, rectified: bool) -> Cow<'_, [f32]> {
         let mut upstream = Cow::Borrowed(self.upstream);
         if rectified {

@@ -57,7 +57,7 @@ impl Recompute {
         Ok(a.apply_op3(b, c, operation)?)
     }
 
-    /// Removes the gradient of a variable.
+    /// Removes and returns the gradient of a variable; `None` if there is none.
     pub(in crate::model) fn take(&self, variable: &Tensor) -> Option<Tensor> {
         self.gradients().remove(&variable.id())
     }

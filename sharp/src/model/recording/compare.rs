@@ -17,7 +17,7 @@ pub struct StageComparison {
     /// differ.
     pub rel_error: f64,
     pub values: usize,
-    /// Reason that the stage was not compared; `None` if it was.
+    /// Reason that the stage was not compared; `None` if it was compared.
     pub note: Option<String>,
 }
 

@@ -58,7 +58,7 @@ impl PictureGradient<'_> {
         self.alpha.len() / self.width.max(1)
     }
 
-    /// Gradient at the 4×4 pixels whose first one is `[x, y]`.
+    /// Gradient at the 4×4 pixels whose first pixel is `[x, y]`.
     fn block(&self, [x, y]: [usize; 2]) -> Upstream<f32> {
         let mut out = [[0.0; 16]; 5];
         let (columns, rows) = (self.width - x, self.height() - y);
@@ -150,7 +150,7 @@ impl CpuRenderer {
                     sums
                 })
                 .collect();
-            // In bin order, regardless of which thread computed them.
+            // Adds sums in the order of bins, regardless of which thread computed them.
             for (index, sums) in sums.iter().flatten() {
                 totals[*index as usize].add(sums);
             }
@@ -244,7 +244,7 @@ fn through_projection(
     let constants = ViewConstants::new(view);
     let one = |(k, sums): (usize, &SplatSums<f64>)| {
         let mut out = GaussianGradient::default();
-        // Includes dropped Gaussians, whose splat is meaningless.
+        // Also true for dropped Gaussians, whose splat is meaningless.
         if *sums == SplatSums::default() {
             return out;
         }

@@ -5,8 +5,8 @@ use super::GpuAdapter;
 use super::memory::{GpuBuffer, Memory};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// Maximum size in bytes of a sub-frame's largest binding, even if the adapter allows more. It limits device memory to
-/// about half a gigabyte for a picture of any size.
+/// Maximum size in bytes of a sub-frame's largest binding, even if the adapter allows more. This
+/// limits device memory to about half a gigabyte for a picture of any size.
 const WINDOW: u64 = 128 << 20;
 
 /// A device and its queue. wgpu reports errors by callback; [`Self::check`] returns the most severe one.
@@ -109,7 +109,7 @@ impl Gpu {
         }
     }
 
-    /// Error for a failed call: the one reported by a callback if there is one, else `what`.
+    /// Error for a failed call: the error that a callback reported, if any, else `what`.
     fn error(&self, what: &dyn std::error::Error) -> RenderError {
         let said = DeviceFault::Other(what.to_string()).at(&self.adapter);
         self.check().err().unwrap_or(said)
@@ -119,8 +119,9 @@ impl Gpu {
         DeviceFault::Memory(what).at(&self.adapter)
     }
 
-    /// Submits the commands, waits, and reads back staging buffers. `staged` lists each buffer with the number of bytes
-    /// to read from its start; `read` receives its index in this list and these bytes.
+    /// Submits the commands, waits, and reads back staging buffers. `staged` lists each buffer with
+    /// the number of bytes to read from its start; `read` receives each buffer's index in `staged`
+    /// and its bytes.
     pub(super) fn finish(
         &self,
         encoder: wgpu::CommandEncoder,
@@ -132,7 +133,7 @@ impl Gpu {
         for (buffer, bytes) in staged {
             let sender = sender.clone();
             buffer.map_async(wgpu::MapMode::Read, ..*bytes, move |result| {
-                // The receiver outlives the wait below.
+                // Sending cannot fail, because the receiver outlives the wait below.
                 let _ = sender.send(result);
             });
         }

@@ -109,7 +109,7 @@ impl Frame<'_> {
             if count > most.min(u64::from(u32::MAX)) {
                 waiting.extend(halves.ok_or_else(|| self.no_tile(part))?);
             } else if count > 0 {
-                // Fits, by the comparison above.
+                // The cast fits, because the comparison above limits `count` to 32 bits.
                 let lists = (order, colors);
                 self.draw(lists, (part, count as u32), work, &mut out)?;
             }

@@ -77,7 +77,7 @@ impl ViewUniform {
             zero: 0,
             compensation: view.compensation.code(),
             tiled: u32::from(view.support == Support::Tiles),
-            // At most 4 and 24.
+            // The casts fit: the degree is at most 4, the number of stored coefficients at most 24.
             degree: degree as u32,
             stored: stored as u32,
             padding: 0,

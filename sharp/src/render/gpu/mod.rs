@@ -68,7 +68,7 @@ impl GpuRenderer {
         self
     }
 
-    /// Sets a tile size other than 8×8, the minimum on a GPU.
+    /// Sets the tile size; the default is 8×8 pixels, the minimum on a GPU.
     #[must_use]
     pub fn with_tile_size(self, tile: TileSize) -> Self {
         Self {
