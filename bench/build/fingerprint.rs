@@ -71,13 +71,13 @@ pub(crate) struct Code {
 
 struct Locked {
     version: String,
-    /// `name` or `name version`.
+    /// Dependencies, each as `name` or `name version`.
     dependencies: Vec<String>,
 }
 
 impl Code {
-    /// `files` by workspace-relative name; `lock` is the text of `Cargo.lock`; `compiler` identifies the compiler and
-    /// target.
+    /// `files` are the sources by workspace-relative name; `lock` is the text of `Cargo.lock`;
+    /// `compiler` identifies the compiler and target.
     pub(crate) fn new(
         files: BTreeMap<String, Vec<u8>>,
         lock: &str,

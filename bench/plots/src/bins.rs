@@ -162,7 +162,7 @@ pub struct Bin {
     pub x: f64,
     /// Indices of the samples.
     pub members: Vec<usize>,
-    /// Mean of the samples' values; infinite if any value is.
+    /// Mean of the samples' values; infinite if any value is infinite.
     pub mean: f64,
     /// Sample standard deviation (divisor n − 1); `None` for a single sample or if a value is infinite.
     pub std: Option<f64>,

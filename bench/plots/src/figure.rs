@@ -44,7 +44,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// Renders the shapes that `picture` draws in each format; the size is in units.
+    /// Renders the shapes that `picture` draws in all three formats; width and height are in units.
     ///
     /// # Errors
     /// If the drawing library or an encoder fails.
@@ -73,7 +73,7 @@ pub struct Drawing<'a> {
 }
 
 impl<'a> Drawing<'a> {
-    /// The shapes that `picture` draws; the size is in units.
+    /// Collects the shapes that `picture` draws; width and height are in units.
     pub fn new(
         title: &'a str,
         (width, height): (u32, u32),
@@ -139,7 +139,7 @@ impl<'a> Drawing<'a> {
     /// A PNG file.
     ///
     /// # Errors
-    /// If it would be too large, or the drawing library or the encoder fails.
+    /// If the picture would be too large, or the drawing library or the encoder fails.
     pub fn png(&self) -> Result<Vec<u8>, PlotError> {
         let density = self.medium.zoom * self.medium.dpi / 96.0;
         let size = self.pixels(density * DRAWN_PER_PIXEL);

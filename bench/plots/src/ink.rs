@@ -88,15 +88,15 @@ impl From<Ink> for Rgb<u8> {
     }
 }
 
-/// Text and axes.
+/// Colour of text and axes.
 pub const INK: Ink = Ink::opaque(0x1B, 0x1F, 0x24);
-/// Secondary text.
+/// Colour of secondary text.
 pub const MUTED: Ink = Ink::opaque(0x57, 0x60, 0x6A);
-/// Grid lines.
+/// Colour of grid lines.
 pub const GRID: Ink = Ink::opaque(0xE1, 0xE5, 0xEA);
-/// Bars of counts.
+/// Colour of the bars that show counts.
 pub const BARS: Ink = Ink::opaque(0xC9, 0xCF, 0xD6);
-/// Background.
+/// Colour of the background.
 pub const PAPER: Ink = Ink::opaque(0xFF, 0xFF, 0xFF);
 
 #[cfg(test)]

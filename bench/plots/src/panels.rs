@@ -108,7 +108,7 @@ impl PanelFrame {
 pub struct BinCount {
     pub low: f64,
     pub high: f64,
-    /// Fewest and most samples of any curve; equal if the curves agree.
+    /// Smallest and largest number of samples of any curve; equal if the curves agree.
     pub n: (usize, usize),
 }
 

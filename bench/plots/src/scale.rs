@@ -40,7 +40,7 @@ impl Step {
         (plain && exponent >= -22).then_some(Self { mantissa, exponent })
     }
 
-    /// The k-th multiple.
+    /// The k-th multiple of the step.
     pub fn at(self, k: i64) -> f64 {
         let multiple = self.mantissa as f64 * k as f64;
         if self.exponent < 0 {
@@ -64,17 +64,17 @@ impl Step {
         k
     }
 
-    /// Number of decimals that multiples need.
+    /// Number of decimals that multiples of the step need.
     pub fn decimals(self) -> usize {
         usize::try_from(-self.exponent).unwrap_or(0)
     }
 
-    /// The k-th multiple as text.
+    /// The k-th multiple of the step as text.
     pub fn text(self, k: i64) -> String {
         shown(self.at(k), self.decimals())
     }
 
-    /// Multiples within `low..=high`, at most a thousand.
+    /// The k of all multiples of the step within `low..=high`, at most a thousand.
     pub fn within(self, low: f64, high: f64) -> Vec<i64> {
         let first = -self.index(-low);
         let mut ticks: Vec<i64> = (first.saturating_sub(1)..first.saturating_add(1000))

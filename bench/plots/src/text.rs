@@ -16,7 +16,7 @@ pub const CAP_HEIGHT: f64 = 0.727;
 static REGULAR: &[u8] = include_bytes!("../assets/Inter-Regular.otf");
 static SEMIBOLD: &[u8] = include_bytes!("../assets/Inter-SemiBold.otf");
 
-/// Regular, or semibold for titles.
+/// Font weight: regular, or semibold for titles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weight {
     Regular,

@@ -28,7 +28,8 @@ impl Warnings {
     }
 }
 
-/// Locks a mutex, ignoring poisoning: no code that holds one panics in the middle of a change.
+/// Locks a mutex, ignoring poisoning: no code that holds a lock panics in the middle of a
+/// change.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -57,7 +57,7 @@ pub struct PortComparison {
     pub as_read: Vec<FieldDifference>,
     /// Changes to the given settings that explain most of the differences.
     pub settings: Vec<(&'static str, String)>,
-    /// Differences that remain after these changes; empty if there are none.
+    /// Differences that remain after the changes in `settings`; empty if there are no changes.
     pub with_settings: Vec<FieldDifference>,
 }
 
@@ -392,7 +392,7 @@ impl Pair<'_> {
     }
 }
 
-/// Distance in pixels and relative distance in depth; `None` if either is behind the camera.
+/// Distance in pixels and relative distance in depth; `None` if either point is behind the camera.
 fn apart(k: &Intrinsics, own: DVec3, other: DVec3) -> Option<[f64; 2]> {
     let seen = |p: DVec3| [k.fx * p.x / p.z, k.fy * p.y / p.z];
     let [[x, y], [u, v]] = [seen(own), seen(other)];

@@ -85,7 +85,7 @@ impl Viewer<'_> {
     /// Writes the page with one rendering per [pictured](Self::pictured) view. Overwrites only an earlier page.
     ///
     /// # Errors
-    /// If the file cannot be written, or exists and is not such a page.
+    /// If the file cannot be written, or exists and is not a viewer page.
     pub fn write(&self, path: &Path, pictures: &[RgbImage]) -> Result<(), FileError> {
         let page = self
             .page(pictures)

@@ -76,7 +76,7 @@ pub fn write_all_over_own(
     written.collect()
 }
 
-/// Removes a file that contains `mark`; false if there is none.
+/// Removes a file that contains `mark`; returns false if the file does not exist.
 pub fn remove_own(path: &Path, mark: &str) -> Result<bool, FileError> {
     let is_own = is_file_that(path, |there| has_mark(there, mark));
     if is_own {

@@ -27,11 +27,11 @@ pub struct GaussianFile {
     pub camera: Option<(Intrinsics, DAffine3)>,
     /// How the Gaussians are to be rendered.
     pub rule: Rule,
-    /// Why this rule was chosen, if it was stated neither by the file nor by the user.
+    /// Reason for choosing this rule; `None` if the file or the user states the rule.
     pub rule_note: Option<String>,
     /// How the stored numbers were interpreted.
     pub reading: StoredForm,
-    /// Evidence against that interpretation.
+    /// Evidence against the interpretation in `reading`.
     pub doubts: Vec<Suspicion>,
 }
 

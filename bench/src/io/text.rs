@@ -132,7 +132,8 @@ pub fn csv_bytes<R: IntoIterator<Item: AsRef<[u8]>>>(
     writer.into_inner().unwrap_or_default()
 }
 
-/// The text of a CSV cell: without the prefix if it is one that [`csv_cell`] adds, otherwise unchanged.
+/// The text of a CSV cell, without the leading `'` that [`csv_cell`] adds to formulas; other cells
+/// are unchanged.
 pub fn csv_text(cell: &str) -> &str {
     match cell.strip_prefix('\'') {
         Some(text) if is_formula(text) => text,

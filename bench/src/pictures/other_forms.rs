@@ -16,7 +16,7 @@ pub struct OtherForm {
     /// Name, such as `piq.DISTS`.
     pub name: &'static str,
     pub family: Family,
-    /// How it differs from our metric, and which public code computes it.
+    /// How the variant differs from our metric, and which public code computes it.
     pub convention: &'static str,
     pub value: f64,
 }

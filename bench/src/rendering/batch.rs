@@ -56,7 +56,7 @@ impl BatchRenderer {
         }
     }
 
-    /// Why rendering fell back from a device to the CPU; `None` if it did not.
+    /// Why rendering fell back from a device to the CPU; `None` if it did not fall back.
     pub fn fallback(&self) -> Option<&str> {
         self.fallback.as_deref()
     }

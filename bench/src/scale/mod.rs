@@ -67,7 +67,7 @@ fn fill(template: &str, values: &Values) -> String {
     filled
 }
 
-/// Writes files into a folder, overwriting only our own. Returns their paths.
+/// Writes files into a folder, overwriting only files that this program wrote. Returns the paths.
 fn write(out: &Path, files: Vec<(String, String)>) -> Result<Vec<PathBuf>, ScaleError> {
     let mut written = Vec::new();
     for (name, text) in files {

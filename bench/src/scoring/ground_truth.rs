@@ -248,7 +248,7 @@ fn share(mask: &Mask) -> Option<f64> {
     (all > 0).then(|| inside as f64 / all as f64)
 }
 
-/// Mean colour over valid pixels, 0..1 per channel; `None` if there are none.
+/// Mean colour over valid pixels, 0..1 per channel; `None` if no pixel is valid.
 fn mean_colour(picture: &Picture, valid: &Mask) -> Option<[f32; 3]> {
     let width = picture.dimensions().0 as usize;
     let (mut sum, mut count) = ([0.0; 3], 0_u64);

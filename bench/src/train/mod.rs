@@ -147,7 +147,8 @@ struct Watching<'a> {
     /// The stage whose progress is currently displayed.
     phase: Option<Stage>,
     validated: Vec<(String, f64)>,
-    /// Whether to rewrite the page at the next step. Set after a validation, whose values are in the log only by then.
+    /// Whether to rewrite the page at the next step. Set after a validation, because its values are
+    /// not in the log until then.
     page_due: bool,
 }
 

@@ -158,7 +158,7 @@ struct SplitPhotographs {
 }
 
 impl SplitPhotographs {
-    /// Reads the split from a configuration; `None` if it splits no folder.
+    /// Reads the split from a configuration; `None` if the configuration splits no folder.
     fn of(config: &TrainingConfig) -> Result<Option<Self>, TrainError> {
         let (1.., TrainingData::Split(split)) = (config.stage2.steps, &config.stage2.data) else {
             return Ok(None);

@@ -40,14 +40,14 @@ pub struct Inference {
     pub p: f64,
     /// Standard error by the cluster jackknife, for every procedure; 0 if all clusters differ by the same amount.
     pub standard_error: f64,
-    /// Degrees of freedom of the standard error; NaN if that is 0.
+    /// Degrees of freedom of the standard error; NaN if the standard error is 0.
     pub degrees_of_freedom: f64,
     pub n_pairs: usize,
     pub n_clusters: usize,
     pub procedure: Procedure,
-    /// The sign-flip test, which does not assume a normal distribution. It is shown next to the p of a single dataset,
-    /// together with the smallest p that it can give. `None` for several datasets, because it would treat the
-    /// differences between them as noise.
+    /// The sign-flip test, which does not assume a normal distribution. It is shown next to the p
+    /// of a single dataset, together with the smallest p that it can give. `None` for several
+    /// datasets, because the test would treat the differences between them as noise.
     pub sign_flip: Option<SignFlip>,
 }
 

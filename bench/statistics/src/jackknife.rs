@@ -121,8 +121,9 @@ impl Statistic {
         }
     }
 
-    /// The determinant of I + τVC, as the logarithm of a positive factor and a factor with its sign. VC is diagonal
-    /// plus rank two, so the matrix determinant lemma reduces it to sums over clusters.
+    /// The determinant of I + τVC, as the logarithm of a positive factor, and a second factor with
+    /// the determinant's sign. VC is diagonal plus rank two, so the matrix determinant lemma
+    /// reduces it to sums over clusters.
     fn determinant(&self, tau: f64, c: f64) -> (f64, f64) {
         let (mut log, mut w_kept, mut w2_kept, mut d_kept) = (0.0, 0.0, 0.0, 0.0);
         for [w, v, d] in &self.clusters {

@@ -32,7 +32,7 @@ pub struct SignFlip {
 }
 
 impl SignFlip {
-    /// Requires at least one cluster and finite scores.
+    /// Tests the clusters of `sample`, which must have at least one cluster and only finite scores.
     pub fn new(sample: &Clusters, resampling: Resampling) -> Self {
         let n = sample.n_clusters();
         let enumerated = n <= MAX_ENUMERATED;
@@ -79,7 +79,7 @@ impl SignFlip {
     /// infinite if `alpha` is not above the floor.
     pub fn interval(&self, alpha: f64) -> (f64, f64) {
         let total = self.highs.len();
-        // A mean is inside if at least this many patterns are consistent with it.
+        // A mean is inside the interval if at least this many patterns are consistent with it.
         let needed = (alpha * total as f64 - 1e-9).ceil().max(1.0) as usize;
         (self.lows[needed - 1], self.highs[total - needed])
     }

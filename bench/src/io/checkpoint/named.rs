@@ -96,8 +96,9 @@ pub fn named_network(
     })
 }
 
-/// Depth Pro's network from a file, on the CPU. `config` (`FILE.json#NAME`) states the layer sizes; only those of the
-/// depth network are used. Without `config`, they are those of Depth Pro's release, which equal SHARP's.
+/// Depth Pro's network from a file, on the CPU. `config` (`FILE.json#NAME`) states the layer sizes;
+/// only those of the depth network are used. Without `config`, the sizes are those of Depth Pro's
+/// release, which equal SHARP's.
 ///
 /// # Errors
 /// [`NetworkError`] if the configuration cannot be read.
@@ -196,7 +197,7 @@ fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
 /// The file with the bundled network's weights, searched for next to the program and in the program's source tree.
 ///
 /// # Errors
-/// [`NetworkError`] if there is no such file, or it is not the one that belongs to this program.
+/// [`NetworkError`] if there is no such file, or its content does not belong to this program.
 pub fn bundled_weights() -> Result<PathBuf, NetworkError> {
     let folders = own_folders().into_iter();
     let folders = folders.chain([bundled::source_folder().to_owned()]);

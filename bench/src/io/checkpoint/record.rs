@@ -67,7 +67,7 @@ pub fn record_file(file: &str) -> Option<PathBuf> {
     Some(cache_folder()?.join(format!("{file}.json")))
 }
 
-/// The record; `None` if there is none.
+/// Reads a record; `None` if the file does not exist.
 pub fn read(file: &Path) -> Result<Option<CheckpointRecord>, RecordError> {
     match std::fs::read(file) {
         Ok(bytes) => {

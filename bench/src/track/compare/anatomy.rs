@@ -334,7 +334,7 @@ fn masks(
     masks.ok_or_else(|| "its depth and its photograph differ in size".to_owned())
 }
 
-/// Mean of a map over a mask; `None` if it has no value there.
+/// Mean of a map over a mask; `None` if the map has no value inside the mask.
 fn mean_inside(map: &ScoreMap, mask: &Mask) -> Option<f64> {
     let width = mask.dimensions().0;
     let values = map.values.enumerate_pixels().filter(|(x, y, _)| {

@@ -146,7 +146,7 @@ pub(super) fn word<S: serde::Serializer>(
 pub struct Against {
     pub a: String,
     pub b: String,
-    /// Labels in [`RunComparison::results`].
+    /// Labels of the two methods in [`RunComparison::results`].
     pub joined: [String; 2],
 }
 
@@ -248,7 +248,7 @@ pub fn compare(
 /// Reads two runs, or one run as both sides.
 ///
 /// # Errors
-/// If one cannot be read.
+/// If a run cannot be read.
 pub fn both_sides(a: &Path, b: &Path) -> Result<[Results; 2], EvaluateError> {
     let of_a = Results::read(a)?;
     let of_b = if a == b {

@@ -171,7 +171,7 @@ pub enum Limit {
 }
 
 impl Limit {
-    /// Fires at any significant loss.
+    /// A limit that fires at any significant loss in the metric `key`.
     pub(super) fn any_loss(key: MetricKey) -> Self {
         Self::Score {
             metric: MetricName::Key(key),

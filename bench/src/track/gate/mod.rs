@@ -81,7 +81,8 @@ pub struct Check {
     pub scene: Option<String>,
     /// Mean score or cost of A; for coverage, the number of pairs with scores in A.
     pub a: Option<f64>,
-    /// Mean score or cost of B; for coverage, how many of these pairs have scores in B.
+    /// Mean score or cost of B; for coverage, the number of pairs with scores in A that also have
+    /// scores in B.
     pub b: Option<f64>,
     /// B − A; for costs, the increase in per cent.
     pub difference: Option<f64>,

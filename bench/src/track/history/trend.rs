@@ -35,7 +35,7 @@ use crate::track::compare::{CompareError, Practical, ScoreChange, compare_result
 /// Number of hexadecimal digits shown of the weights' SHA-256.
 const WEIGHTS_DIGITS: usize = 12;
 
-/// One method on one dataset under one metric, over all entries.
+/// Scores of one method on one dataset under one metric, over all entries.
 #[derive(Debug, Clone)]
 pub struct Series {
     /// Label of the method.
