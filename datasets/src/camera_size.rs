@@ -106,8 +106,8 @@ impl CameraSizes {
     }
 }
 
-/// Rejects a picture whose size differs from its camera's. If both axes differ by the same ratio, the error suggests
-/// [`CAMERA_SIZE`], or other files if the format does not have that setting.
+/// Rejects a picture whose size differs from its camera's. If both axes differ by the same ratio,
+/// the error suggests [`CAMERA_SIZE`] or, for formats without that setting, other files.
 pub(crate) fn check_size(
     path: &Path,
     found: PixelSize,

@@ -34,7 +34,8 @@ pub enum DatasetError {
         format: &'static str,
         /// Description of the expected layout.
         expected: &'static str,
-        /// Folders that could not be searched, after a semicolon; empty if none.
+        /// Text on folders that could not be searched, preceded by a semicolon;
+        /// empty if all could be searched.
         note: String,
     },
     /// The photograph of a virtual view was requested.

@@ -115,7 +115,7 @@ impl ViewContent for FileContent {
         let Some(depth) = &self.depth else {
             return Ok(None);
         };
-        // Depth is allocated at the camera's size. Check that this matches the photograph's,
+        // Depth is allocated at the camera's size. Check this size against the photograph's,
         // because a few bytes of text could otherwise request any amount of memory.
         self.fitting()?;
         let mut depth = depth.load(&self.geometry)?;

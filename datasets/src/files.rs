@@ -12,8 +12,9 @@ use crate::format::error::FormatError;
 use crate::left_out::first_few;
 use crate::{DatasetError, natural_order};
 
-/// The folder given by the user. Every file that a reader opens is resolved through it: neither `..` nor a symbolic
-/// link may lead outside, because file lists and JSON are not trusted.
+/// The folder given by the user. Every file that a reader opens is resolved through it: neither
+/// `..` nor a symbolic link may lead outside the folder, because file lists and JSON are not
+/// trusted.
 #[derive(Debug, Clone)]
 pub struct Root {
     pub(crate) canonical: PathBuf,
@@ -27,7 +28,8 @@ impl Root {
     /// Opens a folder; it may itself be a symbolic link.
     ///
     /// # Errors
-    /// [`DatasetError::Io`] if it does not exist, [`DatasetError::Malformed`] if it is a file.
+    /// [`DatasetError::Io`] if the path does not exist, [`DatasetError::Malformed`] if it is a
+    /// file.
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
         let canonical = path.canonicalize().map_err(|e| DatasetError::io(path, e))?;
         if !canonical.is_dir() {

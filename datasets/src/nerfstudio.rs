@@ -75,7 +75,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 /// File names that are searched for in a folder; the first that exists is read.
 const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
-/// Other files of the same kind, which are read only if given as the path.
+/// Names of further files of the same kind, which are read only if given as the path.
 const OTHERS: [&str; 2] = ["transforms_val.json", "transforms_test.json"];
 
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {

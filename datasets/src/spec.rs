@@ -36,7 +36,8 @@ pub struct DatasetEntry {
     /// Column group in the paper's tables; empty for data that the paper does not use.
     #[serde(rename = "table_column")]
     pub paper_column: &'static str,
-    /// The paper's rule for choosing pairs, or the one that would apply to data that the paper does not use.
+    /// The paper's rule for choosing pairs or, for data that the paper does not use, the rule that
+    /// would apply.
     #[serde(skip)]
     pub paper_overlap: PaperOverlap,
     /// Remaining uncertainties.
@@ -44,7 +45,8 @@ pub struct DatasetEntry {
     /// Available settings, for instance for different interpretations of the paper.
     #[serde(rename = "readings")]
     pub settings: &'static [Setting],
-    /// True if its files store poses as matrices, so that no order of quaternions can be wrong.
+    /// True if the dataset's files store poses as matrices, so that no order of quaternions can be
+    /// wrong.
     #[serde(skip)]
     pub(crate) poses_are_matrices: bool,
     #[serde(skip)]

@@ -126,8 +126,9 @@ impl Undistortion {
         &self.lens
     }
 
-    /// Resamples a photograph bilinearly. Beyond its border it is mirrored about the outermost pixels (OpenCV's
-    /// `BORDER_REFLECT_101`). Pixels that the lens does not see are black.
+    /// Resamples a photograph bilinearly. Beyond its border, the photograph is mirrored about the
+    /// outermost pixels (OpenCV's `BORDER_REFLECT_101`). Pixels that the lens does not see are
+    /// black.
     pub fn image(&self, stored: &RgbImage) -> RgbImage {
         let size = (i64::from(stored.width()), i64::from(stored.height()));
         self.gathered(|place| {
@@ -193,7 +194,7 @@ impl Undistortion {
     /// the picture shrinks.
     pub fn depth_splat(&self, stored: &DepthMap) -> DepthMap {
         let (width, height) = (self.pinhole.width, self.pinhole.height);
-        // For positive floats, the order of the bits is that of the values.
+        // For positive floats, the bits have the same order as the values.
         let nothing = f32::INFINITY.to_bits();
         let mut nearest = Vec::new();
         nearest.resize_with(width as usize * height as usize, || AtomicU32::new(nothing));

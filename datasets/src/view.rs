@@ -38,8 +38,8 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
         true
     }
 
-    /// 255 for valid pixels of the photograph; `None` if the dataset excludes none. Excluded pixels
-    /// are black in [`ViewContent::image`] and have no depth.
+    /// 255 for valid pixels of the photograph; `None` if the dataset excludes no pixels. Excluded
+    /// pixels are black in [`ViewContent::image`] and have no depth.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.

@@ -16,9 +16,9 @@ pub(super) const DEPTHS_M: RangeInclusive<f64> = 0.05..=2000.0;
 /// for masks, and how it stores poses.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
-    /// Metres per unit of the poses; `None` if not set.
+    /// Metres per unit of the poses; `None` if the dataset has no setting for the unit.
     scale: Option<f64>,
-    /// Metres per unit of depth maps; `None` if not set.
+    /// Metres per unit of depth maps; `None` if the dataset has no setting for the unit.
     depth_unit: Option<f64>,
     /// True if depth comes from the points of a model; `scale` then multiplies points and poses alike.
     is_of_points: bool,

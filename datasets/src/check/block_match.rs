@@ -4,7 +4,7 @@ use super::small_view::{Grey, Sample};
 
 /// Radius of the compared blocks, in reduced pixels.
 const RADIUS: u32 = 3;
-/// Maximum number of blocks examined; only those with enough contrast are compared.
+/// Maximum number of blocks examined; of these, only blocks with enough contrast are compared.
 const MAX_BLOCKS: usize = 1500;
 /// Blocks are compared only if their standard deviation is at least this, in levels.
 const MIN_CONTRAST: f32 = 8.0;

@@ -34,7 +34,7 @@ pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
 }
 
 /// Finds rectified pairs whose cameras equal those of another scene although the sizes of the
-/// pictures differ. Returns each scene's index with a message.
+/// pictures differ. Returns the index of each affected scene with a message.
 pub fn copied_calibrations(scenes: &[Scene]) -> Vec<(usize, String)> {
     let mut groups: BTreeMap<Vec<u64>, Vec<usize>> = BTreeMap::new();
     for (i, scene) in scenes.iter().enumerate() {

@@ -33,7 +33,7 @@ pub(super) enum Change {
     /// The stored values are reciprocals of depths; holds the factor by which the poses'
     /// translations must be multiplied to fit these depths.
     Inverse(f64),
-    /// The stored values are those of a z-buffer; holds the distance of its near plane in metres.
+    /// Depth maps hold values of a z-buffer; holds the distance of the near plane in metres.
     Buffer(f64),
     /// The poses use another convention; holds its [`Convention::name`](super::convention::Convention::name).
     Convention(&'static str),
@@ -48,7 +48,7 @@ pub(super) enum Change {
     Cameras(String),
     /// The lenses distort; holds their [`Reading::bend`].
     Bent(f64),
-    /// Depth maps fit the pictures if they are shifted and scaled in this way.
+    /// Depth maps fit the pictures if they are shifted and scaled by this registration.
     Registered(Registration),
     /// Pictures or depth maps are flipped; holds a description of the direction.
     Flipped(Part, &'static str),
@@ -79,7 +79,8 @@ impl Focal {
 }
 
 impl Change {
-    /// True for changes that may improve the match of colours without improving that of depths.
+    /// True for changes that may improve the match of colours without improving the match of
+    /// depths.
     pub(super) fn shows_in_colours(&self) -> bool {
         matches!(
             self,
@@ -107,7 +108,7 @@ impl Change {
     }
 }
 
-/// The part of a view that is reassigned; the rest is unchanged.
+/// The part of a view that is replaced by another view's; the other parts are kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Moves {
     Poses,

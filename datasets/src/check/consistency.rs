@@ -1,6 +1,6 @@
-//! Consistency of poses, depth and pictures: the depth and the colours of one view, projected into the next by the
-//! poses, must match those of the next. Depth decides if the two views are far apart. If they are close together, depth
-//! agrees under any pose, so colour decides.
+//! Consistency of poses, depth and pictures: the depth and the colours of one view, projected into
+//! the next by the poses, must match those of the next view. Depth decides if the two views are far
+//! apart. If they are close together, depth agrees under any pose, so colour decides.
 
 use serde::Serialize;
 

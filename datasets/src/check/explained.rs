@@ -88,7 +88,8 @@ pub(super) struct Reading {
     pub(super) pose_times: [f64; 2],
     /// True if cx and cy are swapped.
     pub(super) centre_swapped: bool,
-    /// Offset of principal points to the right and down from where they were read, in widths of the picture.
+    /// Offset of principal points to the right and down from the values read, in widths of the
+    /// picture.
     pub(super) centre_off: DVec2,
     /// Radial distortion: lenses show a direction with radius r at radius r (1 + bend r²).
     pub(super) bend: f64,
@@ -113,7 +114,7 @@ impl Reading {
         take: |pose| *pose,
     };
 
-    /// Moves a point to the direction in which the lens shows it, at the same z.
+    /// Moves a point to the direction in which the lens shows it; z is kept.
     pub(super) fn bent(&self, point: DVec3) -> DVec3 {
         if self.bend == 0.0 || point.z <= 0.0 {
             return point;
@@ -140,7 +141,7 @@ impl Reading {
     }
 }
 
-/// Number of tiles that a picture is divided into; their losses are compared separately.
+/// Number of tiles into which a picture is divided, to compare the losses of the tiles separately.
 pub(super) const TILES: usize = 4;
 /// Relative difference in depth at which the loss saturates.
 const DEPTH_SCALE: f64 = 0.1;
@@ -153,8 +154,8 @@ const MIN_COMPARED: usize = 200;
 /// Depths agree if their relative difference is at most this.
 pub(super) const TOLERANCE: f64 = 0.05;
 
-/// Number of samples in a chunk. Each step of the comparison runs for a whole chunk before the next step starts, so that a
-/// mispredicted branch costs the time of one step instead of that of all.
+/// Number of samples in a chunk. Each step of the comparison runs for a whole chunk before the next
+/// step starts, so that a mispredicted branch costs the time of one step instead of all steps.
 const CHUNK: usize = 64;
 
 /// A sample that lands inside the other view.
@@ -170,7 +171,7 @@ struct Landing {
     by_depth: Option<f64>,
 }
 
-/// Statistics of one view's samples in another view.
+/// Statistics on how well the samples of one view, projected into another view, match it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Explained {
     pub(super) samples: usize,
@@ -345,7 +346,7 @@ impl Explained {
         }
     }
 
-    /// Fraction of all samples whose depth agrees with that of the other view.
+    /// Fraction of all samples whose depth agrees with the other view's depth.
     pub(super) fn agreement(&self) -> f64 {
         self.agreeing as f64 / self.samples.max(1) as f64
     }

@@ -35,7 +35,7 @@ pub(super) struct Neighbours<'a> {
     pub(super) small: BTreeMap<usize, (SmallView, Vec<Sample>)>,
     /// True if depth belongs to the pose rather than the picture.
     pub(super) depth_by_pose: bool,
-    /// Surrounding views, for tests of their depth with other pictures.
+    /// Views around the examined ones, whose depth is tested with other views' pictures.
     pub(super) around: BTreeMap<usize, SmallView>,
     /// Pairs of view indices (from, to) for projections: each view to its neighbour, and back.
     pub(super) carries: Vec<(usize, usize)>,
@@ -93,7 +93,7 @@ impl<'a> Neighbours<'a> {
         most.unwrap_or(0).div_ceil(samples).max(self.stride)
     }
 
-    /// Median of the depths as read, in metres.
+    /// Median of the depths under the reader's interpretation, in metres.
     pub(super) fn median_depth(&self) -> f64 {
         let all = self.small.values().flat_map(|(_, samples)| samples);
         let mut all: Vec<f64> = all.map(|sample| sample.depth).collect();
@@ -101,7 +101,7 @@ impl<'a> Neighbours<'a> {
         all.get(all.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// Consistency of the views, as read and under other pose conventions.
+    /// Consistency of the views under the reader's interpretation and under other pose conventions.
     pub(super) fn consistency(&self) -> Option<Consistency> {
         let mut meeting: Option<f64> = None;
         let mut fits = CONVENTIONS.iter().map(|convention| {
@@ -241,7 +241,7 @@ impl<'a> Neighbours<'a> {
         ))
     }
 
-    /// Mean fraction of pixels that masks exclude; `None` if it is at most half.
+    /// Mean fraction of pixels that masks exclude; `None` if this fraction is at most half.
     pub(super) fn excluded(&self) -> Option<f64> {
         let is_masked = |i: &usize| self.views[*i].content.processing().masked;
         let masked = self.small.iter().filter(|(i, _)| is_masked(i));

@@ -44,8 +44,8 @@ pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
     }
 }
 
-/// Rounds to a whole number of one digit, 1.25, 1.5 or 2.5, times a power of ten, if that is within 1 %. Otherwise,
-/// rounds to three digits.
+/// Rounds to a whole number of one digit, 1.25, 1.5 or 2.5, times a power of ten, if the result is
+/// within 1 % of the factor. Otherwise, rounds to three digits.
 fn rounded(factor: f64) -> f64 {
     let power = 10_f64.powf(factor.log10().floor());
     let round = [

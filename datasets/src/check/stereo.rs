@@ -39,7 +39,8 @@ const SLOPES: i32 = 14;
 /// Step between tested rotations, as a slope; about 0.2 degrees.
 const SLOPE: f64 = 0.0035;
 
-/// The contradiction between a left and a right view, if any, and a note on a pair without disparity.
+/// A description of the contradiction between a left and a right view, if any; then a note if the
+/// pair has no disparity.
 pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>, Option<String>) {
     let [left, right] = views else {
         return (None, None);
@@ -148,7 +149,7 @@ struct Pair {
     right: SmallView,
     /// Samples with disparities instead of depths.
     samples: Vec<Sample>,
-    /// True if the poses are rectified; only then is a point in the same row of both pictures.
+    /// True if the poses are rectified, so that a point is in the same row of both pictures.
     is_rectified: bool,
 }
 
@@ -178,8 +179,8 @@ impl Pair {
         })
     }
 
-    /// Evaluates how well one picture matches the other at disparities converted by `disparity`
-    /// from those as read.
+    /// Evaluates how well one picture matches the other at the disparities that `disparity`
+    /// computes from the stored ones.
     fn explained(
         &self,
         (from, to): (&SmallView, &SmallView),
@@ -224,7 +225,8 @@ impl Pair {
         bands
     }
 
-    /// Compares blocks with [`block_match::mismatch`], at the disparities that `disparity` computes from those as read.
+    /// Compares blocks with [`block_match::mismatch`], at the disparities that `disparity` computes
+    /// from the stored ones.
     fn mismatch(&self, disparity: &dyn Fn(f64) -> f64) -> Option<String> {
         let [left, right] = [&self.left, &self.right].map(|view| view.clone().grey());
         let samples = self.samples.iter().map(|sample| Sample {
@@ -234,9 +236,10 @@ impl Pair {
         block_match::mismatch(&left, &right, &samples.collect::<Vec<_>>())
     }
 
-    /// A sentence on the interpretation that explains the pictures significantly better than the pair as read, if any.
-    /// `flipped` are pairs with flipped disparities; `full` is the photographs' size relative to the reduced ones.
-    /// `has_unit` is true if a setting gives the disparities' unit.
+    /// A sentence on the interpretation that explains the pictures significantly better than the
+    /// reader's own, if any. `flipped` are pairs with flipped disparities; `full` is the
+    /// photographs' size relative to the reduced ones. `has_unit` is true if a setting gives the
+    /// disparities' unit.
     fn better(
         &self,
         flipped: &[(&str, Self)],

@@ -30,7 +30,7 @@ pub struct StereoCalibration {
 /// ignored. `doffs` (then `cx1 − cx0`) and the size may be absent.
 ///
 /// # Errors
-/// If a key is missing, is not a finite number, or contradicts another; names it.
+/// If a key is missing, is not a finite number, or contradicts another key; names the key.
 pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     let mut entries = BTreeMap::new();
     for line in text.trim_start_matches('\u{feff}').lines() {
@@ -99,7 +99,7 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     })
 }
 
-/// Parses a 3×3 matrix, written `[a b c; d e f; g h i]`, to its entries row by row.
+/// Parses a 3×3 matrix, written `[a b c; d e f; g h i]`; returns its entries row by row.
 fn matrix(key: &str, text: &str) -> Result<[f64; 9], FormatError> {
     let inner = text
         .strip_prefix('[')

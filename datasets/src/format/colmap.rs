@@ -50,7 +50,7 @@ impl Model {
     /// Like [`Self::lens`], for callers that require a lens for every picture.
     ///
     /// # Errors
-    /// Names the file and the camera.
+    /// If the camera does not exist or cannot be used; names the file and the camera.
     pub(crate) fn needed_lens(&self, image: &ColmapImage) -> Result<Lens, DatasetError> {
         let lens = self.lens(image)?;
         lens.map_err(|reason| DatasetError::malformed(&self.files[0], reason))
@@ -77,7 +77,7 @@ fn kind(folder: &Path) -> &'static str {
 /// Number of pictures in a model.
 ///
 /// # Errors
-/// Names the file and what is wrong with it.
+/// If a file is missing or invalid; names the file.
 pub(crate) fn picture_count(folder: &Path) -> Result<usize, DatasetError> {
     Ok(read_images(folder, kind(folder))?.1.len())
 }
@@ -110,7 +110,7 @@ fn check_inside(root: &Root, folder: &Path) -> Result<(), DatasetError> {
 /// Reads a model; binary if both kinds exist, as in COLMAP. All files must be of the same kind.
 ///
 /// # Errors
-/// Names the file and what is wrong with it.
+/// If a file is missing or invalid; names the file.
 pub fn read_model(folder: &Path) -> Result<Model, DatasetError> {
     let kind = kind(folder);
     let (images_file, images) = read_images(folder, kind)?;
@@ -214,8 +214,8 @@ fn are_same_images(a: &[ColmapImage], b: &[ColmapImage]) -> bool {
 /// cameras file.
 ///
 /// # Errors
-/// Names the file and what is wrong with it. If there are no images, text and binary cameras that contradict each other
-/// are rejected.
+/// If the file is invalid; names the file. If there are no images, text and binary cameras that
+/// contradict each other are rejected.
 pub fn read_cameras(folder: &Path) -> Result<Option<(PathBuf, Cameras)>, DatasetError> {
     let [binary, text] = ["bin", "txt"].map(|kind| folder.join(format!("cameras.{kind}")));
     let file = match (binary.is_file(), text.is_file()) {
@@ -248,7 +248,7 @@ fn read_cameras_of(file: &Path) -> Result<Cameras, DatasetError> {
 /// has no points file.
 ///
 /// # Errors
-/// Names the file and what is wrong with it.
+/// If the file is invalid; names the file.
 pub fn read_points(folder: &Path) -> Result<Option<(PathBuf, Vec<ColmapPoint>)>, DatasetError> {
     let of_kind = |kind: &str| Some(folder.join(format!("points3D.{kind}")));
     let first = of_kind(kind(folder)).filter(|file| file.is_file());

@@ -55,12 +55,12 @@ fn map_size(shape: &[usize]) -> Result<(u32, u32), FormatError> {
     sides.ok_or_else(|| invalid!("the array's shape is {shape:?}, so it has no pixels"))
 }
 
-/// Reads an array of any shape from an `.npy` file, or the only one in an `.npz` (if there are several: `arr_0`,
-/// `depth` or `disp`).
+/// Reads an array of any shape from an `.npy` file, or the only array of an `.npz` (if it has
+/// several: `arr_0`, `depth` or `disp`).
 ///
 /// # Errors
-/// If it is not a NumPy file, is an object array (which would require unpickling and is never read), or has fewer
-/// values than its shape requires.
+/// If the bytes are not a NumPy file, is an object array (which would require unpickling and is
+/// never read), or has fewer values than its shape requires.
 pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     if bytes.starts_with(b"PK") {
         parse_array(&unpacked(bytes, u64::MAX)?)

@@ -36,8 +36,8 @@ pub enum Distortion {
         /// Coefficients of r² and r⁴ for the first coordinate, then for the second.
         s: [f64; 4],
     },
-    /// FOV: the radius becomes `atan(2 r tan(ω/2)) / ω`. (COLMAP's series for ω below 0.01 has its signs swapped;
-    /// here the formula is used for every ω.)
+    /// FOV: the radius becomes `atan(2 r tan(ω/2)) / ω`. (COLMAP's series for ω below 0.01 has
+    /// swapped signs; the formula is therefore used for every ω.)
     Fov { omega: f64 },
     /// DIVISION: `(u, v) · 2 / (1 + √(1 − 4 k r²))`, the inverse of a division by `1 + k r²`.
     Division { k: f64 },
@@ -54,7 +54,7 @@ impl Distortion {
         Self::Perspective { model, k, p }
     }
 
-    /// COLMAP's name of the model. For a family of models, the name of the one with the most
+    /// COLMAP's name of the model. For a family of models, the name of the member with the most
     /// parameters.
     pub fn name(&self) -> &'static str {
         match self {

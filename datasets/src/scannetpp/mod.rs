@@ -1,8 +1,9 @@
 //! ScanNet++, DSLR pictures (v1 and v2).
 //!
-//! `data/<scene>/dslr/` contains fisheye pictures in `resized_images`, their cameras in `nerfstudio/transforms.json`
-//! and, if the toolbox was run, undistorted pictures with `nerfstudio/transforms_undistorted.json`. COLMAP's change of
-//! world axes was applied to the poses in the JSON; it is undone, so that the views share the coordinate system of
+//! `data/<scene>/dslr/` contains fisheye pictures in `resized_images`, their cameras in
+//! `nerfstudio/transforms.json` and, if the toolbox was run, undistorted pictures with
+//! `nerfstudio/transforms_undistorted.json`. COLMAP's change of world axes was applied to the poses
+//! in the JSON; that change is undone here, so that the views share the coordinate system of
 //! `scans/`. Units are metres.
 
 mod photographs;

@@ -11,7 +11,7 @@ use super::texture;
 pub(super) struct Light {
     /// Unit vector towards the brightest ambient light.
     pub(super) dome: DVec3,
-    /// Ambient light on surfaces that face away from `dome` and on those that face it.
+    /// Ambient light on surfaces that face away from `dome`, and on surfaces that face it.
     pub(super) ambient: [DVec3; 2],
     pub(super) to_sun: DVec3,
     /// Light from the sun on a surface that faces it; zero if there is no sun.

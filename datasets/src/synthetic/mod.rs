@@ -269,9 +269,9 @@ impl SyntheticScene {
         Scene::new(dataset, id, self.views.clone(), Pairing::MultiView)
     }
 
-    /// Whether the surface point at the centre of `pixel` in view `seen_in` is also visible in view `from`, i.e. is
-    /// projected into that picture and not occluded. `None` if the pixel shows the sky. Exact, because it is determined
-    /// by casting rays rather than comparing depth maps.
+    /// Whether the surface point at the centre of `pixel` in view `seen_in` is also visible in view
+    /// `from`, i.e. lies inside that view's picture and is not occluded. `None` if the pixel shows
+    /// the sky. Exact, because it is determined by casting rays rather than comparing depth maps.
     ///
     /// # Panics
     /// If a view's index is out of range.

@@ -44,8 +44,8 @@ impl Rig {
         }
     }
 
-    /// Poses (world to camera) of `count` cameras, from the centre outwards. The number of cameras on a ring is
-    /// proportional to its radius.
+    /// Poses (world to camera) of `count` cameras, from the centre outwards. The number of cameras
+    /// on a ring is proportional to the ring's radius.
     pub(super) fn poses(&self, count: usize) -> Vec<RigidTransform> {
         let centers = self.centers(count).into_iter();
         centers.map(|center| self.look_from(center)).collect()

@@ -17,7 +17,8 @@ pub(super) struct Object {
     /// Centre and squared radius of the object's bounding sphere.
     bounds: (DVec3, f64),
     surface: Surface,
-    /// True if the object casts shadows. The floor and walls of a room need not, because nothing is behind them.
+    /// True if the object casts shadows. The floor and walls of a room need not cast shadows,
+    /// because nothing is behind them.
     casts: bool,
 }
 
@@ -29,8 +30,8 @@ pub(super) enum Surface {
     Layered(Finish),
 }
 
-/// Maximum number of mirrors and panes that light passes on its way to the camera; any further one
-/// is black.
+/// Maximum number of mirrors and panes that light passes on its way to the camera; further mirrors
+/// and panes are black.
 const MAX_LAYERS: u32 = 5;
 
 impl Object {
@@ -99,7 +100,7 @@ impl Sight {
         self.hit.map(|(hit, _)| (hit.object, hit.distance))
     }
 
-    /// Adds the rays of another sight of the same surface.
+    /// Adds the rays of another sight, which must show the same surface.
     pub(super) fn join(&mut self, other: &Self) {
         self.rays += other.rays;
         self.direction += other.direction;
@@ -234,8 +235,9 @@ impl World {
         }
     }
 
-    /// True if two rays of a pixel may be shaded together. Paints of varied scenes fade out details finer than a pixel;
-    /// classic textures, mirrors and panes do not.
+    /// True if two rays of a pixel may be shaded together. Paints of varied scenes fade out details
+    /// finer than a pixel; classic textures, mirrors and panes do not, so their rays are shaded one
+    /// by one.
     pub(super) fn shades_as_one(&self, a: &Sight, b: &Sight) -> bool {
         let surface = |sight: &Sight| {
             let hit = sight.hit.as_ref();

@@ -81,7 +81,7 @@ impl SceneCameras {
     /// is the centre.
     ///
     /// # Errors
-    /// If the picture cannot be read; names it.
+    /// If the picture cannot be read; names the picture.
     pub(super) fn recommended(share: f64, picture: &Path) -> Result<Self, DatasetError> {
         let size = picture::dimensions(picture)?;
         let (w, h) = (f64::from(size.0), f64::from(size.1));

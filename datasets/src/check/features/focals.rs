@@ -48,8 +48,9 @@ impl Matches<'_> {
         Some((Change::Cameras(text), explained))
     }
 
-    /// The factor of fx, of fy, or of both that explains nearly all matches, and significantly more than the focal
-    /// lengths as read. If several do, the one whose pixels are closest to square.
+    /// The factor of fx, of fy, or of both that explains nearly all matches, and significantly more
+    /// than the focal lengths read. If several factors do, the one that makes pixels closest to
+    /// square.
     pub(super) fn other_focal(
         &self,
         as_read: &[Option<bool>],
@@ -119,7 +120,8 @@ impl Matches<'_> {
     }
 }
 
-/// If the views have exactly two focal lengths, a description of their swap and each view's factors.
+/// If the views have exactly two focal lengths: a description of a swap of the two, and each view's
+/// factors.
 pub(in crate::check) fn swapped_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
     let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
     let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < MAX_SAME_DIFFERENCE;

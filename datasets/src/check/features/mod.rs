@@ -108,7 +108,7 @@ impl<'a> Matches<'a> {
         }
     }
 
-    /// Describes how well the matches agree with the poses, as read.
+    /// Describes how well the matches agree with the poses under the reader's interpretation.
     pub(super) fn note(&self) -> String {
         let explained = self.explained(CONVENTIONS[0].take, &Some);
         let (n, share) = (self.matches.len(), share(&explained));
@@ -223,7 +223,7 @@ impl<'a> Matches<'a> {
         all.into_values().collect()
     }
 
-    /// Evidence that the two pictures of a pair are swapped, if it is significant.
+    /// Evidence that the two pictures of a pair are swapped; `None` if it is not significant.
     pub(super) fn swapped(&self) -> Option<String> {
         let as_read = self.explained(CONVENTIONS[0].take, &Some);
         let other = self.explained(CONVENTIONS[0].take, &|i| Some(1 - i));
@@ -287,14 +287,15 @@ impl<'a> Matches<'a> {
         (is_needed && share(&best) >= MIN_ELSEWHERE).then_some(((a, b), text, best))
     }
 
-    /// For each match, true if an interpretation explains it; `None` if one of its pictures would have no pose.
+    /// For each match, true if an interpretation explains it; `None` if `pose_of` gives no pose for
+    /// one of the two pictures.
     fn explained(
         &self,
         take: fn(&RigidTransform) -> RigidTransform,
         pose_of: &dyn Fn(usize) -> Option<usize>,
     ) -> Vec<Option<bool>> {
         let pose = |i: usize| Some(take(&self.views.get(pose_of(i)?)?.camera_from_world));
-        // A pose is taken together with the camera of its frame, if the picture size is the same.
+        // Each pose brings the camera of its own frame, if the pictures have the same size.
         let camera = |i: usize| {
             let (own, other) = (
                 &self.cameras[&i],
@@ -340,7 +341,7 @@ impl Compared {
     }
 }
 
-/// Compares two interpretations; `None` if the other one does not explain significantly more.
+/// Compares two interpretations; `None` unless `other` explains significantly more matches.
 fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared> {
     let both = as_read
         .iter()

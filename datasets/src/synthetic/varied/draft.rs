@@ -15,9 +15,9 @@ use super::super::world::{Object, Surface, World};
 /// positions are sampled only every few centimetres.
 const CLEAR_M: f64 = 0.34;
 
-/// Objects, light and lens of a scene under construction. Positions are in a frame that is rotated about the vertical
-/// through the central camera, so that walls are not always perpendicular to its axis: x right, y down, z forward, in
-/// metres.
+/// Objects, light and lens of a scene under construction. Positions are in a frame that is rotated
+/// about the vertical through the central camera, so that walls are not always perpendicular to the
+/// camera's axis: x right, y down, z forward, in metres.
 pub(super) struct Draft<'a> {
     pub(super) random: &'a mut SplitMix64,
     pub(super) light: Light,
