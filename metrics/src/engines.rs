@@ -222,7 +222,8 @@ impl Engines {
     }
 }
 
-/// One result for each of `count` predictions; an error is repeated for all.
+/// Turns one result for all predictions into one result each; an error is repeated for each of
+/// `count` predictions.
 fn spread<T: Clone>(
     found: Result<Vec<T>, Unavailable>,
     count: usize,

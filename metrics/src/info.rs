@@ -111,7 +111,7 @@ pub struct OwnWeights {
 }
 
 impl MetricInfo {
-    /// Describes the metric of a key, with its network's weights if they are among `used`.
+    /// Describes the metric of a key; includes the weights of its network if `used` contains them.
     pub fn new(key: MetricKey, used: &[WeightsUsed]) -> Self {
         const NETWORK: &str = "features f32, everything after them f64";
         let metric = key.metric();

@@ -70,8 +70,8 @@ impl Picture {
         }
     }
 
-    /// Crops to a box (left, top, right, bottom) and replaces pixels where the mask is false with those of `other`.
-    /// Both pictures and the mask must have the same size.
+    /// Crops to a box (left, top, right, bottom) and replaces pixels where the mask is false with
+    /// the pixels of `other`. Both pictures and the mask must have the same size.
     pub(crate) fn pasted(&self, other: &Self, mask: &Mask, [l, t, r, b]: [u32; 4]) -> Self {
         let inside = |x: u32, y: u32| mask.row((y + t) as usize)[(x + l) as usize];
         match (self, other) {
@@ -295,8 +295,8 @@ impl Mask {
         }
     }
 
-    /// Left, top, right and bottom (the last two exclusive) of the bounding box of the pixels inside; `None` if there
-    /// are none.
+    /// Left, top, right and bottom (the last two exclusive) of the bounding box of the pixels
+    /// inside; `None` if no pixel is inside.
     pub(crate) fn bounds(&self) -> Option<[u32; 4]> {
         let rows = (0..self.height).filter(|&y| self.row(y as usize).contains(&true));
         let (top, bottom) = (rows.clone().min()?, rows.max()? + 1);

@@ -13,8 +13,8 @@ use crate::unavailable::{ScoreError, Unavailable};
 use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed};
 use crate::{dists::Similarity, lpips::Distance, psnr, ssim};
 
-/// Computes a selection of metrics. A prediction's scores depend on nothing but the prediction, its
-/// target and the mask.
+/// Computes a selection of metrics. A prediction's scores depend only on the prediction, its target
+/// and the mask.
 #[derive(Debug)]
 pub struct Scorer {
     keys: Vec<MetricKey>,
@@ -96,8 +96,9 @@ impl Scorer {
         }
     }
 
-    /// LPIPS of version 0.0, which has no key; used to find out how a given number was computed. The pictures must have
-    /// the same size. `None` if no selected metric uses that network, or its weights are missing.
+    /// LPIPS of version 0.0, which has no key; used to find out how a published number was
+    /// computed. The pictures must have the same size. `None` if no selected metric uses the
+    /// network `net`, or the network's weights are missing.
     ///
     /// # Errors
     /// [`Unavailable`] if these pictures have no value.
@@ -132,8 +133,8 @@ impl Scorer {
         &self.engines.used
     }
 
-    /// The metrics that cannot be computed for any picture because the weights of their network are missing, each with
-    /// that network.
+    /// The metrics that cannot be computed for any picture because the weights of their network are
+    /// missing, each with the network.
     pub fn missing_weights(&self) -> impl Iterator<Item = (MetricKey, Backbone)> + '_ {
         let used = |backbone| self.weights().iter().any(|used| used.backbone == backbone);
         let needed = self.keys.iter();
@@ -156,8 +157,9 @@ impl Scorer {
         self.score_all(target, &[prediction], mask).swap_remove(0)
     }
 
-    /// Scores several predictions of one target, in order. The networks process the target once: k predictions take k +
-    /// 1 passes of each network instead of 2 k. Every score is bit-identical to that of [`score`](Self::score).
+    /// Scores several predictions of one target, in order. The networks process the target once: k
+    /// predictions take k + 1 passes of each network instead of 2 k. Every score is bit-identical
+    /// to the result of [`score`](Self::score).
     ///
     /// A prediction that cannot be compared gives an error of its own and does not affect the other scores; a target or
     /// mask that cannot be used gives an error for all. Memory grows with the number of predictions; see

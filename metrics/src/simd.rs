@@ -1,7 +1,7 @@
 //! Element-wise loops compiled for several vector widths.
 
-/// Calls a function, compiled for the process's instruction set. The function may only use `*`, `+`, `-` and `/`: they
-/// are never fused, so every version gives the same bits.
+/// Calls a function, compiled for the process's instruction set. The function may only use `*`,
+/// `+`, `-` and `/`, which are never fused, so that every version gives the same bits.
 macro_rules! with_widest_vectors {
     ($body:ident($($arg:expr),*) : fn($($name:ident: $type:ty),*)) => {{
         #[cfg(target_arch = "x86_64")]

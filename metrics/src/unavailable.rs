@@ -21,7 +21,7 @@ pub enum Unavailable {
         /// Minimum side in pixels.
         smallest: u32,
     },
-    /// The key requires a view-frustum mask, but there is none.
+    /// The key requires a view-frustum mask, but the pair has none.
     #[error("needs the view-frustum mask of the pair, which requires the target's depth")]
     NoFrustumMask,
     /// The key requires a mask from the caller, but none was given.

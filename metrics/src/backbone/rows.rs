@@ -66,7 +66,7 @@ impl Buffer {
         self.size
     }
 
-    /// One past the last row that was pushed.
+    /// Index one past the last row that was pushed.
     pub(crate) fn end(&self) -> usize {
         self.first + (self.kept.len() + self.fresh_len) / self.size.row_len()
     }

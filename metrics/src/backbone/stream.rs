@@ -76,7 +76,7 @@ pub(crate) fn stream(
             }
         });
         for (i, layer) in network.layers.iter().enumerate() {
-            // In lockstep, all pictures have the same rows ready as the first.
+            // All pictures advance in lockstep, so each has as many rows ready as the first.
             let rows = ready(layer, &held[0][i], &held[0][i + 1], strip);
             in_lanes(&mut held, &mut lanes, |_, buffers, lane| {
                 let (inputs, outputs) = buffers.split_at_mut(i + 1);
@@ -122,8 +122,8 @@ fn in_lanes(
 
 /// The output rows that a layer computes next, i.e. whose input rows are complete.
 ///
-/// For layers with weights, the end is rounded down to a whole tile, and the range is empty until it fills a batch.
-/// Neither applies at the end of the picture.
+/// For layers with weights, the end is rounded down to a whole tile, and the range is empty until
+/// it fills a batch, except at the end of the picture.
 fn ready(layer: &Layer, input: &Buffer, output: &Buffer, strip: usize) -> Range<usize> {
     let (first, MapSize { height, width, .. }) = (output.end(), output.size());
     let needs = |y: usize| layer.op.in_rows(y..y + 1, input.size().height);

@@ -3,8 +3,8 @@
 //! Like [`stream`](super::stream()) on the CPU kernels, this works in strips of rows, and each
 //! layer buffers what its next rows need, so that memory does not grow with the picture's height.
 //! Each picture is a separate batch, because a device's summation order may depend on the batch
-//! size, but a score must not depend on what else is scored. Features leave the device as f32;
-//! everything after them is the same f64 code as for the kernels.
+//! size, but a score must not depend on which other pictures are scored. Features leave the device
+//! as f32; everything after them is the same f64 code as for the kernels.
 
 use std::ops::Range;
 
@@ -290,7 +290,7 @@ impl TensorNetwork {
             }
             for (i, layer) in self.layers.iter().enumerate() {
                 let (from, to) = (sizes[i], sizes[i + 1]);
-                // In lockstep, all pictures have the same rows ready as the first.
+                // All pictures advance in lockstep, so each has as many rows ready as the first.
                 let out = layer.ready(from, to, &held[0][i], held[0][i + 1].end);
                 let mut tapped = Vec::new();
                 for held in &mut held {
@@ -345,7 +345,7 @@ impl TensorLayer {
 #[derive(Default)]
 struct Held {
     first: usize,
-    /// One past the last row that was pushed.
+    /// Index one past the last row that was pushed.
     end: usize,
     /// `[1, channels, end − first, columns]`.
     rows: Option<Tensor>,

@@ -11,7 +11,7 @@ use super::{Backbone, Weights, WeightsSource};
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Published {
     pub backbone: Backbone,
-    /// File name, which ends with the first digits of its SHA-256.
+    /// File name, which ends with the first digits of the file's SHA-256.
     pub file: Cow<'static, str>,
     pub address: Cow<'static, str>,
     /// Published size in thousandths of a MiB.
@@ -74,8 +74,8 @@ pub fn mirrored(address: &str) -> String {
     }
 }
 
-/// Folder of downloaded weights: `SHARP_BENCH_WEIGHTS` if set, else `weights` in [`user_cache`]; `None` if there is no
-/// such folder.
+/// Folder of downloaded weights: `SHARP_BENCH_WEIGHTS` if set, else `weights` in [`user_cache`];
+/// `None` if neither is defined.
 pub fn cache_folder() -> Option<PathBuf> {
     let given = variable("SHARP_BENCH_WEIGHTS");
     given.or_else(|| user_cache().map(|cache| cache.join("weights")))
