@@ -85,8 +85,8 @@ impl RowOp for MaxPool {
 }
 
 per_instruction_set! {
-    /// Adds one input row to the maxima in `output`: each becomes the maximum of its previous value and of the row's
-    /// part of its window. For the `first` row, previous values are ignored.
+    /// Adds one input row to the maxima in `output`: each maximum is updated with the row's part of
+    /// its window. For the `first` row, previous values are ignored.
     fn max_row(
         input: &[f32],
         output: &mut [f32],

@@ -28,7 +28,7 @@ pub enum Epilogue<'a> {
     Gelu,
     /// Adds the output's previous content: `C += A B + bias`.
     Add,
-    /// Adds another array with the output's layout.
+    /// Adds an array that has the output's layout.
     Residual(&'a [f32]),
     /// [`Self::Residual`], then `max(·, 0)`.
     ResidualRelu(&'a [f32]),

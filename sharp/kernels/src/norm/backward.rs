@@ -9,7 +9,7 @@ use crate::simd::{Simd, per_instruction_set};
 /// Gradients of a group normalisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NormGradient {
-    /// Gradient of the input, in its layout.
+    /// Gradient of the input, in the input's layout.
     pub input: Vec<f32>,
     /// Gradient of the scales, `[channels]`.
     pub gamma: Vec<f32>,
