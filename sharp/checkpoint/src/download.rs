@@ -16,7 +16,7 @@ pub enum DownloadError {
     #[error("{address}: {reason}")]
     Transfer {
         address: String,
-        /// The last failure.
+        /// Reason for the last failure.
         reason: String,
     },
     /// The server sent something other than the expected file.

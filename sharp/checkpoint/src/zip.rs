@@ -49,7 +49,7 @@ fn u64_at(b: &[u8], at: usize) -> u64 {
     u32_at(b, at) | u32_at(b, at + 4) << 32
 }
 
-/// Reads `len` bytes at `start`; `what` names them in the error.
+/// Reads `len` bytes at `start`; errors call the bytes `what`.
 fn slice(file: &(impl Bytes + ?Sized), start: u64, len: u64, what: &str) -> Result<Vec<u8>, Fault> {
     let end = start.checked_add(len);
     match end.filter(|&end| end <= file.len() as u64) {

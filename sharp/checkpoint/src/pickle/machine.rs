@@ -39,7 +39,7 @@ struct Machine<'a, 'h> {
 }
 
 impl<'a> Machine<'a, '_> {
-    /// Runs one opcode; returns the result if it was the last one.
+    /// Runs one opcode; returns the pickled object after the last opcode, else `None`.
     fn step(&mut self) -> Result<Option<Value<'a>>, Fault> {
         let [op] = self.array()?;
         match op {
@@ -141,7 +141,7 @@ impl<'a> Machine<'a, '_> {
                 let id = self.heap.lists.len() as u32 - 1;
                 self.stack.push(Value::List(id));
             }
-            // Sets are represented as a list of their items, which is never read.
+            // Sets are represented as lists of their items, which are never read.
             0x8f => {
                 self.heap.lists.push(Vec::new());
                 let id = self.heap.lists.len() as u32 - 1;
