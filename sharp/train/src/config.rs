@@ -139,7 +139,7 @@ pub struct SplitFolder {
 }
 
 impl TrainingData {
-    /// The folder of photographs, and `held_out` if it is split.
+    /// The folder of photographs, and `held_out` if the folder is split; `None` for other data.
     pub fn photographs(&self) -> Option<(&Path, Option<usize>)> {
         match self {
             Self::Photographs(folder) => Some((folder, None)),
@@ -149,7 +149,7 @@ impl TrainingData {
     }
 }
 
-/// Intervals in steps; they do not affect results.
+/// Intervals in steps, which do not affect results.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Intervals {

@@ -196,8 +196,8 @@ fn side(tokens: usize) -> usize {
     tokens.saturating_sub(1).isqrt()
 }
 
-/// Resamples position embeddings `[1, tokens, channels]` to another number of tokens. The first embedding, that of the
-/// class token, is kept.
+/// Resamples position embeddings `[1, tokens, channels]` to another number of tokens. The first
+/// embedding, which belongs to the class token, is kept.
 fn resample_positions(values: &[f32], tokens: usize, channels: usize) -> Vec<f32> {
     let (class, grid) = values.split_at(channels);
     let [from, to] = [values.len() / channels, tokens].map(side);

@@ -60,11 +60,11 @@ pub(crate) struct Objective {
 }
 
 impl Objective {
-    /// An objective with these weights and options. Loads the network of the perceptual loss on `compute`, if that loss
-    /// has a weight.
+    /// Creates an objective with the given weights and options. Loads the network of the perceptual
+    /// loss on `compute` if that loss has a weight.
     ///
     /// # Errors
-    /// [`PerceptualError`] if its weights are missing or unreadable.
+    /// [`PerceptualError`] if the network's weights are missing or unreadable.
     pub(crate) fn new(
         weights: LossWeights,
         options: LossOptions,
@@ -87,7 +87,7 @@ impl Objective {
         self.perceptual.as_ref().map(Perceptual::network)
     }
 
-    /// True if no loss depends on Gaussians or their pictures.
+    /// True if no loss depends on Gaussians or on pictures rendered from them.
     pub(crate) fn is_of_depth_alone(&self) -> bool {
         let LossWeights {
             color,

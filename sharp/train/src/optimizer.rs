@@ -73,8 +73,9 @@ impl Default for Adam {
 }
 
 impl Adam {
-    /// Updates every parameter that is not frozen. `gradients` has one element for each of these,
-    /// in their order; `step` counts the updates of the moments, including this one, from 1.
+    /// Updates every parameter that is not frozen. `gradients` has one element for each of these
+    /// parameters, in their order. `step` is the number of updates of the moments, including this
+    /// one.
     ///
     /// Computed in f64 and rounded once, on the threads of the current pool.
     ///

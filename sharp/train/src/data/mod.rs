@@ -30,8 +30,8 @@ pub use prefetch::Prefetcher;
 pub use procedural::{ProceduralSamples, TrainingWorlds, shares_training_seeds};
 pub use view::TrainingView;
 
-/// Two views of a scene. The network receives the source's picture; its Gaussians are compared with
-/// both views.
+/// Two views of a scene. The network receives the source's picture; the predicted Gaussians are
+/// compared with both views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
     /// `SCENE/SOURCE__TARGET`.

@@ -43,7 +43,8 @@ pub fn scale_gradient(scale: &[f32], width: usize, options: &LossOptions) -> Los
         finer = grid;
     }
     let value = levels.iter().map(|(_, level)| level.value).sum();
-    // The loop visits the coarsest level first. This is the gradient accumulated so far, at the next coarser level.
+    // The loop visits the coarsest level first; `coarser` is the gradient accumulated so far, at
+    // the next coarser level.
     let mut coarser: Option<(Grid, Vec<f64>)> = None;
     for (grid, mut level) in levels.into_iter().rev() {
         if let Some((above, of)) = &coarser {

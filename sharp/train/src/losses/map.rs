@@ -30,8 +30,8 @@ impl Grid {
         [(x, 1, self.width), (y, self.width, self.height)]
     }
 
-    /// The difference stencil of the pixel at `at` along a side: distance to the previous neighbour, distance to the
-    /// next one, and the factor of their difference.
+    /// The difference stencil of the pixel at `at` along a side: distance to the previous
+    /// neighbour, distance to the next neighbour, and the factor of the two neighbours' difference.
     fn reach(&self, at: usize, side: usize) -> (usize, usize, f64) {
         let on = usize::from(at + 1 < side);
         match self.difference {
@@ -53,8 +53,7 @@ impl Grid {
     pub(super) fn pull(&self, of: impl Fn(usize) -> [f64; 2], index: usize) -> f64 {
         let mut sum = 0.0;
         for (axis, (at, step, side)) in self.axes(index).into_iter().enumerate() {
-            // Visit this pixel and its two neighbours, as far as their differences involve this
-            // pixel.
+            // Visit this pixel and its two neighbours, if their differences depend on this pixel.
             for from in at.saturating_sub(1)..side.min(at + 2) {
                 let (back, on, factor) = self.reach(from, side);
                 let sign = f64::from(i8::from(from + on == at) - i8::from(from - back == at));
