@@ -107,8 +107,8 @@ impl Intrinsics {
         ])
     }
 
-    /// Projects a camera-space point (metres) to pixels; `None` if its z is not positive, i.e. the camera cannot see
-    /// it.
+    /// Projects a camera-space point (metres) to pixels; `None` if z is not positive, i.e. the
+    /// point is not in front of the camera.
     #[inline]
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         (point.z > 0.0).then(|| {
@@ -311,7 +311,8 @@ fn deviation_from_identity(m: DMat3) -> f64 {
         .fold(0.0, |largest, v| v.abs().max(largest))
 }
 
-/// Orthogonal polar factor by Newton's iteration; it converges quadratically, so a few steps reach f64 precision.
+/// Orthogonal polar factor of `m` by Newton's iteration, which converges quadratically, so that a
+/// few steps reach f64 precision.
 fn nearest_rotation(m: DMat3) -> DMat3 {
     let mut r = m;
     for _ in 0..12 {

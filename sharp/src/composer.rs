@@ -14,8 +14,8 @@ use crate::color::linear_from_srgb;
 use crate::gaussians::{Gaussians, Harmonics};
 use crate::initializer::BaseGaussians;
 
-/// Factor of the deltas of x and y. This and the other factors are the release's; deltas without a constant here have
-/// the factor 1.
+/// Factor of the deltas of x and y. All factors are the release's; deltas without a constant here
+/// have the factor 1.
 const XY_FACTOR: f32 = 1e-3;
 /// Factor of the delta of inverse depth.
 const INVERSE_DEPTH_FACTOR: f32 = 1e-3;

@@ -50,10 +50,10 @@ impl Harmonics {
     }
 }
 
-/// N Gaussians as one array per attribute; index k is the same Gaussian in each.
+/// N Gaussians as one array per attribute; index k is the same Gaussian in every array.
 ///
-/// The space of means and scales depends on the producer: SHARP's normalised space after the composer, metric camera
-/// space after unprojection.
+/// The space of means and scales depends on the producer: SHARP's normalised space after the
+/// composer, metric camera space after unprojection.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Gaussians {
     /// Centres `[N, 3]`.

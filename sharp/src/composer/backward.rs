@@ -30,8 +30,8 @@ pub enum ComposerGradientError {
 /// Computes the gradient from `gaussians`, the gradient of the composed Gaussians in their order and in the composer's
 /// space. `view_depth` is ignored, because the gradient of the mean already includes it.
 ///
-/// This is the derivative of the forward definition in real numbers, computed in f64; values out of the range of f32
-/// saturate.
+/// The gradient is the derivative of the forward definition in real numbers, computed in f64;
+/// values out of the range of f32 saturate.
 ///
 /// # Errors
 /// [`ComposerGradientError`] if lengths do not match `base`.
@@ -164,7 +164,7 @@ fn softplus_slope(x: f64) -> f64 {
     if x > 20.0 { 1.0 } else { sigmoid(x) }
 }
 
-/// Derivative of [`inverse_softplus`]; 0 below its clamp.
+/// Derivative of [`inverse_softplus`]; 0 where that function clamps its argument.
 fn inverse_softplus_slope(t: f64) -> f64 {
     if t < 1e-6 { 0.0 } else { -1.0 / (-t).exp_m1() }
 }

@@ -26,7 +26,7 @@ pub const AXES: &str = "axes";
 /// does not state its axes.
 ///
 /// # Errors
-/// The text of that suspicion, if there is one and no signs are given.
+/// The suspicion's text, if there is such a suspicion and `signs` is `None`.
 pub fn turn(
     gaussians: &mut Gaussians,
     doubts: &mut Vec<Suspicion>,

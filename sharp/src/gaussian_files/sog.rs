@@ -25,7 +25,7 @@ fn damaged(what: impl Into<String>) -> PlyReason {
     }
 }
 
-/// Reads the files in a folder that its `meta.json` lists.
+/// Reads the files that the `meta.json` of a folder lists.
 pub(super) fn from_folder(folder: &Path) -> Result<Decoded, PlyReason> {
     read(|name| crate::files::read(&folder.join(name)).map_err(|error| error.to_string()))
 }

@@ -20,14 +20,15 @@ pub enum FocalSource {
 
 /// Default focal length: millimetres, 35 mm equivalent.
 const DEFAULT_FOCAL_MM: f64 = 30.0;
-/// Lenses whose focal length is below this, in millimetres, are assumed to be those of phones, as in the release.
+/// Focal lengths below this, in millimetres, are assumed to be those of phone lenses, as in the
+/// release.
 const PHONE_MM: f64 = 10.0;
 /// Focal lengths of lenses on 35 mm film, from fisheyes and action cameras to telescopes.
 const LENSES_MM: RangeInclusive<f64> = 7.0..=3000.0;
 /// Relative tolerance between two values stated in a file, because converters crop a few rows and
 /// millimetres are rounded.
 const TOLERANCE: f64 = 0.1;
-/// Relative tolerance between a picture's sides and those stated in its file.
+/// Relative tolerance between a picture's sides and the sides stated in its file.
 const SIDE_TOLERANCE: f64 = 0.02;
 
 /// Aspect ratios (long side over short side) of cameras: 1:1, 7:6, 5:4, 4:3, 3:2, 16:9, 65:24.
@@ -135,7 +136,8 @@ fn stated_size(exif: &Exif, (width, height): (f64, f64)) -> Option<(f64, f64)> {
     })
 }
 
-/// Warns if the picture has an aspect ratio that no camera produces and its file does not state the original size.
+/// Warns if no camera produces the picture's aspect ratio and the file does not state the original
+/// size.
 fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
     let (long, short) = (width.max(height), width.min(height));
     let fits = |shape: f64| (long - short * shape).abs() <= (0.01 * long).max(1.0);

@@ -7,7 +7,7 @@ use crate::camera::Intrinsics;
 
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 
-/// Detects the format of a picture; an error if it is not supported.
+/// Detects the format of a picture; an unsupported format is an error.
 pub(super) fn of(bytes: &[u8]) -> Result<ImageFormat, ImageFileError> {
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(32)]).to_ascii_lowercase();
     let text = text.trim_start();

@@ -43,7 +43,7 @@ impl NormResidualBlock {
         self.norm0.forward(x)
     }
 
-    /// Output of the block, given `x` and its [`normalized`](Self::normalized) form.
+    /// Output of the block, given `x` and the result of [`normalized`](Self::normalized) for `x`.
     pub(super) fn refined(&self, x: &Tensor, normal: Tensor) -> Result<Tensor> {
         let inner = self.conv2.forward(&normal)?;
         drop(normal);

@@ -45,8 +45,8 @@ impl Parameter {
     }
 }
 
-/// A source as the backend of a [`VarBuilder`]. On the CPU, values are read each time a layer requests them; on a GPU
-/// they are cached.
+/// A source of weights as the backend of a [`VarBuilder`]. On the CPU, values are read each time a
+/// layer requests them; on a GPU, tensors are cached.
 #[derive(Clone)]
 pub(super) struct Weights {
     source: Arc<dyn WeightSource>,

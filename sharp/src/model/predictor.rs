@@ -87,8 +87,8 @@ impl Predictor {
         })
     }
 
-    /// Opens the network of `spec`; see [`CheckpointSource::check`] for what its file must contain. Values are read
-    /// from the file on demand, so it must not change in the meantime.
+    /// Opens the network of `spec`; see [`CheckpointSource::check`] for the required contents of
+    /// its file. Values are read on demand, so the file must not change in the meantime.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with all differences, [`ModelError::Config`];
@@ -127,8 +127,8 @@ impl Predictor {
 
     /// Predicts Gaussians.
     ///
-    /// `disparity_factor` is the focal length divided by the width, both in pixels of the original image. It alone
-    /// determines the metric scale.
+    /// `disparity_factor` is the focal length divided by the width, both in pixels of the original
+    /// image. This factor alone determines the metric scale.
     ///
     /// # Errors
     /// [`ModelError::Image`] for an image of the wrong size, non-finite values or a factor that is not positive;

@@ -156,7 +156,7 @@ pub enum PlyReason {
          release assumes, or color_space=srgb, as 3D Gaussian Splatting trains them"
     )]
     ColorSpaceUnknown,
-    /// The file is in another, recognised format.
+    /// The file is in a recognised format other than the supported ones.
     #[error("not a file of Gaussians, but {0}")]
     Foreign(String),
     #[error("it is empty: nothing was written, or its download failed")]

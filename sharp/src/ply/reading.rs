@@ -217,7 +217,7 @@ impl StoredForm {
         Ok(true)
     }
 
-    /// The settings that were given, each with its key.
+    /// The settings that were given: key and value.
     pub fn settings(&self) -> Vec<(&'static str, &'static str)> {
         let all = [
             self.color_space.map(ColorSpace::name),
@@ -255,7 +255,8 @@ impl StoredForm {
         }
     }
 
-    /// Fills unset settings with those of decoded arrays (standard deviations, opacities in 0..1, linear colours).
+    /// Fills unset settings with the encodings of decoded arrays (standard deviations, opacities in
+    /// 0..1, linear colours).
     pub fn of_arrays(self) -> Self {
         Self {
             opacity: self.opacity.or(Some(StoredOpacity::Linear)),
@@ -274,7 +275,7 @@ impl StoredForm {
         }
     }
 
-    /// Decodes stored numbers. Settings that are `None` leave their values unchanged.
+    /// Decodes stored numbers; numbers whose setting is `None` are left unchanged.
     pub fn decode(&self, gaussians: &mut Gaussians) {
         self.convert(gaussians, false);
     }

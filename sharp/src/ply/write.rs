@@ -90,7 +90,7 @@ fn header(scene: &GaussianScene, form: PlyForm) -> String {
     text + "end_header\n"
 }
 
-/// Comments that preserve a file's marks, so that it is rendered in the same way when read again.
+/// Comments that preserve a file's marks, so that the written file is rendered like the original.
 pub(super) fn comments(scene: &GaussianScene) -> Vec<&'static str> {
     let marks = &scene.marks;
     let generator = match marks.generator {
@@ -107,7 +107,7 @@ pub(super) fn comments(scene: &GaussianScene) -> Vec<&'static str> {
     generator.into_iter().chain(mode).collect()
 }
 
-/// True if normals are written. Files of Inria's program have them; those of gsplat do not.
+/// True if normals are written: files of Inria's program have normals, files of gsplat do not.
 fn has_normals(scene: &GaussianScene, form: PlyForm) -> bool {
     form == PlyForm::Plain && scene.marks.generator == Some(Generator::InriaLike)
 }

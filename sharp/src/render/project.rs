@@ -12,7 +12,7 @@ use crate::gaussians::Gaussians;
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
 
-/// A projected Gaussian, stored at the index of its source.
+/// A projected Gaussian, stored at the index of its source Gaussian.
 ///
 /// `σ · log2 e = (p dx + q dy)² + (r dy)²` with `(dx, dy) = mean − pixel centre`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -29,8 +29,8 @@ pub(super) struct Splat {
     pub(super) color: [f32; 3],
 }
 
-/// The pixels where a Gaussian's alpha can reach 1/255, and its depth: everything needed to sort it
-/// into tiles.
+/// The pixels where a Gaussian's alpha can reach 1/255, and the Gaussian's depth: everything needed
+/// to sort Gaussians into tiles.
 ///
 /// Pixels from `x0` to `x1` and `y0` to `y1`, inclusive; empty if `x0 > x1`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,7 +57,7 @@ impl Footprint {
     }
 }
 
-/// Outputs of the pass; kept between frames to reuse their memory.
+/// Outputs of the pass, kept between frames to reuse the memory.
 #[derive(Debug, Default)]
 pub(super) struct Projected {
     pub(super) splats: Vec<Splat>,
@@ -233,7 +233,7 @@ fn block(
             p: c.factor[0][i],
             q: c.factor[1][i],
             r: c.factor[2][i],
-            // Exact if there is no compensation.
+            // The opacity is exact if there is no compensation.
             opacity: c.opacity[i] as f32,
             cut: c.cut[i],
             color: match colors {
@@ -419,7 +419,8 @@ pub(super) fn log2(x: f64) -> f64 {
     let mantissa = f64::from_bits(
         (shifted & 0x000f_ffff_ffff_ffff).wrapping_add(std::f64::consts::FRAC_1_SQRT_2.to_bits()),
     );
-    // 2^52 + 2^51. Adding a small integer to its bits and then subtracting it converts the integer to a float.
+    // 2^52 + 2^51. Adding a small integer to the bits of this number and then subtracting the
+    // number converts the integer to a float.
     const MAGIC: f64 = 6_755_399_441_055_744.0;
     let biased = f64::from_bits(((shifted >> 52) ^ 0x800).wrapping_add(MAGIC.to_bits())) - MAGIC;
     let exponent = biased - 2048.0;

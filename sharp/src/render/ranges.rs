@@ -28,8 +28,8 @@ pub(super) struct LocalSplat<S = f32> {
     pub(super) slanted: bool,
 }
 
-/// A Gaussian is slanted if (a / (π/4))² is below this, where a is the fraction of its bounding box that the ellipse
-/// covers.
+/// A Gaussian is slanted if (a / (π/4))² is below this, where a is the fraction of the bounding box
+/// that the ellipse covers.
 const SLANTED: f32 = 0.5;
 
 impl LocalSplat {
@@ -84,7 +84,8 @@ impl LocalSplat {
         let first = (middle - most - margin(most)).ceil();
         let last = (middle - least + margin(least)).floor();
         let [x0, x1, ..] = self.reach.map(usize::from);
-        // Negative values and NaN become 0; a NaN in `last` is replaced so that the range widens.
+        // Negative values and NaN become 0; if `last` is NaN, the range is extended to the end
+        // instead.
         let last = if last.is_nan() { BIN as f32 } else { last };
         if last < 0.0 {
             return (1, 0);
@@ -153,7 +154,8 @@ impl TileLists {
         }));
     }
 
-    /// Builds the lists for tiles of `tile` pixels and passes them on band by band: `each(lists, rows)`.
+    /// Builds the lists for tiles of `tile` × `tile` pixels and passes each band of tile rows to
+    /// `each`.
     pub(super) fn for_each_band(&mut self, tile: usize, mut each: impl FnMut(Band<'_>)) {
         let side = BIN / tile;
         let shift = tile.trailing_zeros();

@@ -1,8 +1,8 @@
 //! Pass `raster`: blends each tile's list into its pixels, sixteen pixels at a time.
 //!
-//! Each lane accumulates one pixel's Gaussians in list order, independently of all others, so neither the tile size nor
-//! skipped Gaussians can change its bits. Skipping is safe because footprint and `cut` are conservative bounds of the
-//! region in which alpha can reach 1/255.
+//! Each lane accumulates one pixel's Gaussians in list order, independently of all other lanes, so
+//! neither the tile size nor skipped Gaussians change the pixel's bits. Skipping is safe because
+//! footprint and `cut` are conservative bounds of the region in which alpha can reach 1/255.
 
 use super::Rule;
 use super::project::ALPHA_MIN;
@@ -20,7 +20,7 @@ pub(super) const ALPHA_MAX: f32 = Rule::SHARP.alpha_max;
 /// added.
 pub(super) const TRANSMITTANCE_STOP: f32 = 1e-4;
 
-/// Part of the output that belongs to one bin: its rows of pixels.
+/// The part of the output that belongs to one bin, as rows of pixels.
 #[derive(Default)]
 pub(super) struct BinPixels<'a> {
     pub(super) rgb: Vec<&'a mut [[f32; 3]]>,
@@ -107,7 +107,7 @@ pub(super) struct Coverage<L> {
     /// Mean minus pixel centre.
     pub(super) dx: L,
     pub(super) dy: L,
-    /// `p dx + q dy` (`across`) and `r dy`; the sum of their squares is the exponent of 2.
+    /// `p dx + q dy` in `across`, and `r dy`; the sum of the two squares is the exponent of 2.
     pub(super) across: L,
     pub(super) along: L,
 }

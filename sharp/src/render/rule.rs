@@ -1,7 +1,7 @@
 //! Named rendering conventions: the choices in which renderers of 3D Gaussians differ.
 //!
-//! Everything else in the definition is common to all of them (see [`super`]). No choice is needed
-//! for a compensated opacity below 1/255: the picture is the same whether such a Gaussian is
+//! Everything else in the definition is common to all conventions (see [`super`]). No choice is
+//! needed for a compensated opacity below 1/255: the picture is the same whether such a Gaussian is
 //! dropped early or skipped at every pixel.
 
 use crate::gaussians::Harmonics;
@@ -70,7 +70,7 @@ setting!(
     Tiles = "tiles",
 );
 
-/// Defines the struct, and reads and writes its fields by key.
+/// Defines the struct of the choices, and reads and writes its fields by key.
 macro_rules! record {
     ($(#[$about:meta])* $name:ident { $($(#[$of:meta])* $field:ident: $kind:ty = $key:literal,)+ }) => {
         $(#[$about])*

@@ -67,7 +67,7 @@ impl RenderView {
         }
     }
 
-    /// Checks the fields, which are public; renderers rely on them after this check.
+    /// Checks the public fields; renderers rely on the checked values.
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let Intrinsics {
             fx,
@@ -96,7 +96,8 @@ impl RenderView {
     }
 }
 
-/// How far beyond the edge of the image the Jacobian is still evaluated, as a multiple of half its width or height.
+/// Distance beyond the image's edge up to which the Jacobian is evaluated, as a multiple of half
+/// the image's width or height.
 const JACOBIAN_MARGIN: f64 = 0.3;
 
 /// The view in the form used by the inner loops; f64 here, f32 on the GPU.

@@ -21,7 +21,7 @@ pub(in crate::model) struct Convolution {
     pub(in crate::model) spec: ConvSpec,
     /// Applies ReLU to the input first.
     pub(in crate::model) relu_input: bool,
-    /// Applies ReLU to the result, after everything else.
+    /// Applies ReLU to the result, after the residual is added.
     pub(in crate::model) relu: bool,
     /// Constant weights, packed for both directions.
     pub(in crate::model) packed: Option<Arc<(Conv2d, InputGradient)>>,
@@ -149,7 +149,8 @@ pub(super) fn every(x: &Tensor, step: usize) -> Result<Tensor> {
         .reshape((1, rows, columns, channels))
 }
 
-/// Gradients of a convolution's input, of its weights followed by its biases, and of the residual added to its result.
+/// Gradients of a convolution's input, of the weights followed by the biases, and of the residual
+/// added to the result.
 pub(super) fn gradients(
     kernels: Kernels,
     spec: ConvSpec,

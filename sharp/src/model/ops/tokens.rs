@@ -18,7 +18,7 @@ use crate::model::compute::Kernels;
 pub(in crate::model) struct Linear {
     kernels: Option<Kernels>,
     product: Product,
-    /// Weights followed by biases; `None` if they are packed and not trained.
+    /// Weights followed by biases; `None` if the weights are packed and not trained.
     weights: Option<Tensor>,
 }
 

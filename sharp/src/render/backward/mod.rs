@@ -33,7 +33,7 @@ pub struct PictureGradient<'a> {
     pub depth_acc: &'a [f32],
 }
 
-/// Gradient of a loss with respect to one Gaussian; zero if it was not drawn.
+/// Gradient of a loss with respect to one Gaussian; zero if the Gaussian was not drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GaussianGradient {
     pub mean: [f32; 3],
@@ -100,11 +100,11 @@ impl PictureGradient<'_> {
 type BinSums = Vec<(u32, SplatSums)>;
 
 impl CpuRenderer {
-    /// Gradient of a loss with respect to the scene, given its gradient with respect to the picture that
-    /// [`render`](super::Renderer::render) returns for the same scene and view.
+    /// Gradient of a loss with respect to the scene, given the loss's gradient with respect to the
+    /// picture that [`render`](super::Renderer::render) returns for the same scene and view.
     ///
-    /// The gradient is zero for non-finite Gaussians and those that the forward pass dropped. Results are bit-identical
-    /// for any number of threads.
+    /// The gradient is zero for non-finite Gaussians and for Gaussians that the forward pass
+    /// dropped. Results are bit-identical for any number of threads.
     ///
     /// # Errors
     /// As for rendering; [`RenderError::View`] also if the gradient's size differs from the picture's, or if the rule

@@ -9,7 +9,8 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 /// limits device memory to about half a gigabyte for a picture of any size.
 const WINDOW: u64 = 128 << 20;
 
-/// A device and its queue. wgpu reports errors by callback; [`Self::check`] returns the most severe one.
+/// A device and its queue. wgpu reports errors by callback; [`Self::check`] returns the most severe
+/// error.
 pub(super) struct Gpu {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
@@ -68,7 +69,8 @@ impl Gpu {
             let fault = Arc::clone(&fault);
             move |found: DeviceFault| {
                 let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
-                // Keeps the first error of the most severe kind: later ones are usually consequences of it.
+                // Keeps the first error of the most severe kind, because later errors are usually
+                // its consequences.
                 if fault.as_ref().is_none_or(|known| {
                     std::mem::discriminant(known) != std::mem::discriminant(&found)
                         && *known < found

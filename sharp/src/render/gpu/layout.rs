@@ -8,7 +8,8 @@ use super::subframe::SubFrame;
 use crate::gaussians::Harmonics;
 use bytemuck::{Pod, Zeroable};
 
-/// Defines a struct with the layout that the shaders expect. `TWIN` is its name in WGSL; `FIELDS` is for the test.
+/// Defines a struct with the layout that the shaders expect. `TWIN` is the struct's name in WGSL;
+/// `FIELDS` is for the test.
 macro_rules! shared {
     ($(#[$doc:meta])* $name:ident = $twin:literal { $($field:ident: $kind:ty),* $(,)? }) => {
         $(#[$doc])*

@@ -34,8 +34,8 @@ use scene::GpuScene;
 
 /// Renders on a GPU. Reuses its buffers between frames.
 ///
-/// Differs from the CPU only by rounding: for the same depth order, colour and alpha agree to about 1e-5. If a
-/// threshold decides differently, a pixel changes by at most 1/255.
+/// Differs from the CPU only by rounding: for the same depth order, colour and alpha agree to about
+/// 1e-5. Where rounding changes the outcome of a threshold, a pixel changes by at most 1/255.
 pub struct GpuRenderer {
     gpu: Gpu,
     passes: Passes,
@@ -89,7 +89,7 @@ impl Renderer for GpuRenderer {
     }
 
     /// # Errors
-    /// After a device fault the renderer is unusable; open another one.
+    /// As for [`Renderer::load`]. After a device fault, the renderer is unusable; open a new one.
     fn load<'a>(
         &'a mut self,
         scene: &'a Gaussians,
