@@ -64,7 +64,7 @@ pub(crate) struct Code {
     /// Locked versions by crate name, each with its dependencies.
     locked: BTreeMap<String, Vec<Locked>>,
     compiler: String,
-    /// Whether the other workspace crates are from a registry. If so, the hash contains their
+    /// Whether the other workspace crates are from a registry; the hash then contains their
     /// versions instead of their sources.
     packaged: bool,
 }
@@ -139,7 +139,7 @@ impl Code {
     }
 
     /// `name version` of the root crates and their transitive dependencies. A crate that is locked
-    /// in several versions is included in all of them.
+    /// in several versions is included in every version.
     fn closure(&self, roots: &[&str]) -> BTreeSet<String> {
         let mut found = BTreeSet::new();
         let mut open: Vec<&str> = roots.to_vec();

@@ -7,7 +7,7 @@ use image::Rgb;
 #[serde(try_from = "String")]
 pub struct Ink {
     pub rgb: (u8, u8, u8),
-    /// Opacity, 0..1.
+    /// Opacity, 0 to 1.
     pub alpha: f64,
 }
 
@@ -26,7 +26,7 @@ impl Ink {
         }
     }
 
-    /// `#RRGGBB`.
+    /// The colour as `#RRGGBB`, without the opacity.
     pub fn hex(self) -> String {
         let (r, g, b) = self.rgb;
         format!("#{r:02X}{g:02X}{b:02X}")
@@ -68,7 +68,7 @@ impl Ink {
 impl TryFrom<String> for Ink {
     type Error = String;
 
-    /// Parses `#RRGGBB`.
+    /// Parses a colour `#RRGGBB`.
     fn try_from(text: String) -> Result<Self, String> {
         let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6);
         let hex = digits.filter(|digits| digits.bytes().all(|c| c.is_ascii_hexdigit()));
@@ -81,7 +81,7 @@ impl TryFrom<String> for Ink {
 }
 
 impl From<Ink> for Rgb<u8> {
-    /// Drops the opacity.
+    /// Converts to a colour without opacity.
     fn from(ink: Ink) -> Self {
         let (r, g, b) = ink.rgb;
         Self([r, g, b])

@@ -127,7 +127,7 @@ pub type DrawData<'a> = Box<dyn Fn(&mut Surface, &PlotArea) + 'a>;
 
 pub struct Panel<'a> {
     pub frame: PanelFrame,
-    /// `Err` is the reason why there are no data.
+    /// Draws the data of the panel; `Err` is the reason why there are no data.
     pub content: Result<DrawData<'a>, &'static str>,
 }
 
@@ -191,7 +191,7 @@ struct PanelLayout {
     bottom: f64,
     /// Share of the available room that text may fill.
     fill: f64,
-    /// Title above everything else; empty for none.
+    /// Title above everything else; empty for no title.
     title: String,
     legend: Vec<Vec<LegendEntry>>,
     caption: Vec<String>,
@@ -398,7 +398,7 @@ impl PanelLayout {
 }
 
 impl PlotArea {
-    /// Height of a value, including infinite ones.
+    /// Vertical position of a value, which may be infinite.
     pub fn height(&self, value: f64) -> f64 {
         if value.is_infinite() {
             self.infinity

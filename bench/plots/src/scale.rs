@@ -85,7 +85,7 @@ impl Step {
     }
 }
 
-/// Smallest and largest finite value; `None` if there are none.
+/// Smallest and largest finite value; `None` if no value is finite.
 pub fn finite_range(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     let finite = values.into_iter().filter(|value| value.is_finite());
     finite.fold(None, |range, value| match range {
@@ -94,8 +94,8 @@ pub fn finite_range(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)>
     })
 }
 
-/// Powers of ten within `low..=high`, with their doubles and fives if there are fewer than three.
-/// Empty unless `0 < low < high < ∞`.
+/// Powers of ten within `low..=high`, with 2 and 5 times these powers if there are fewer than
+/// three. Empty unless `0 < low < high < ∞`.
 pub fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     if !(low > 0.0 && high > low && high.is_finite()) {
         return Vec::new();

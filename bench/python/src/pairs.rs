@@ -79,7 +79,7 @@ pub(crate) fn pairs(
     Ok((table(&built.map_err(failed)?), warnings.take()))
 }
 
-/// The pair list with the columns of its file.
+/// A table of the pair list, with the columns of its CSV file.
 fn table(list: &PairList) -> Table {
     let all = || list.pairs.iter();
     let number = |of: fn(&Pair) -> Option<f64>| Column::Number(all().map(of).collect());

@@ -107,7 +107,7 @@ impl Camera {
     }
 }
 
-/// Any numeric array.
+/// A numeric NumPy array of two dimensions, converted to f64.
 type Matrix<'py> = PyArrayLike2<'py, f64, AllowTypeChange>;
 
 fn matrix<const N: usize>(name: &str, array: &Matrix<'_>) -> PyResult<[[f64; N]; N]> {

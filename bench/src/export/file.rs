@@ -1,5 +1,5 @@
-//! Files of an export, which are written only if missing or outdated. A description file, written last, lists their
-//! hashes.
+//! Files of an export, which are written only if missing or outdated. A description file, written
+//! last, lists the hashes of the files.
 
 use std::collections::BTreeMap;
 use std::path::Path;

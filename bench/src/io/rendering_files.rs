@@ -60,8 +60,8 @@ fn png(
         .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))
 }
 
-/// Name of the EXR layer attribute with the colours' transfer function. Other programs do not write it, so users must
-/// state the function for their files.
+/// Name of the EXR layer attribute with the colours' transfer function. Other programs do not write
+/// this attribute, so users must state the transfer function of their files.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
 
 /// Writes RGB as blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated

@@ -59,8 +59,8 @@ pub fn reason_line(text: &str) -> String {
     shortened(&line, LONGEST_REASON).into_owned()
 }
 
-/// Shortens a text of more than `longest` characters: keeps both ends, with the number of omitted
-/// characters between them.
+/// Shortens a text of more than `longest` characters: keeps both ends, and states the number of
+/// omitted characters between the ends.
 pub fn shortened(text: &str, longest: usize) -> Cow<'_, str> {
     let length = text.chars().count();
     if length <= longest {

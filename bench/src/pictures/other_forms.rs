@@ -1,5 +1,5 @@
-//! Variants that other packages compute under the names of our metrics. They help to identify a published number and
-//! never become a column of a table.
+//! Variants that other packages compute under the names of our metrics. These variants help to
+//! identify a published number; they are never shown as columns of a table.
 //!
 //! Each variant is the default of a public package. The code is simple rather than fast, because only `metrics --find`
 //! uses it.
@@ -21,8 +21,9 @@ pub struct OtherForm {
     pub value: f64,
 }
 
-/// Computes all variants for two pictures of the same size; those without a value are left out. `mask` marks the pixels
-/// that count. Networks are taken from `scorer`; a variant is skipped if its network is not loaded there.
+/// Computes all variants for two pictures of the same size, without those that have no value.
+/// `mask` marks the pixels that count. Networks are taken from `scorer`; variants whose network
+/// `scorer` has not loaded are skipped.
 pub fn other_forms(
     scorer: &Scorer,
     prediction: &Picture,

@@ -13,7 +13,7 @@ pub struct BatchRenderer {
 }
 
 impl BatchRenderer {
-    /// Opens a backend. A device that exists but cannot be opened counts as failed.
+    /// Opens a backend. A device that exists but cannot be opened counts as a failed device.
     ///
     /// # Errors
     /// [`RenderError::NoAdapter`] if a requested adapter does not exist; `auto` never fails.

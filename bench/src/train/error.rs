@@ -41,7 +41,8 @@ pub enum TrainError {
     /// The validation dataset overlaps the training data.
     #[error("validation dataset '{spec}': {reason}")]
     NotHeldOut { spec: String, reason: String },
-    /// A pair has no prediction, so means would not be comparable with those of other validations.
+    /// A pair has no prediction, so means would not be comparable with the means of other
+    /// validations.
     #[error("pair '{pair}': {reason}")]
     Unpredicted { pair: String, reason: String },
     /// A log was modified or damaged.

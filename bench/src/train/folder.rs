@@ -21,8 +21,9 @@ pub(super) struct TrainingFolder {
 const CONFIG: &str = "config.toml";
 
 impl TrainingFolder {
-    /// Creates the folder for a configuration, or opens one created with the same configuration. Saves the text as
-    /// `config.toml`. Keys that affect no result may differ; before the first step, any key may.
+    /// Creates the folder for a configuration, or opens a folder created with the same
+    /// configuration. Saves the text as `config.toml`. Keys that affect no result may differ;
+    /// before the first step, any key may differ.
     ///
     /// # Errors
     /// [`TrainError::OtherFolder`] if the folder contains other files, or a training run with another

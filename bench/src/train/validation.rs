@@ -169,7 +169,7 @@ impl SplitPhotographs {
         Ok(Some(Self { folder, held_out }))
     }
 
-    /// True if the view's picture is held out or in another folder.
+    /// True if the view's picture is held out or outside the folder.
     fn allows(&self, view: &View) -> bool {
         let file = view.content.image_file().map(Path::canonicalize);
         let Some(Ok(file)) = file else {
@@ -249,8 +249,8 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
     Ok(means)
 }
 
-/// Ignores stop requests during a validation. A validation is short, and the checkpoint of its step is written only
-/// after it.
+/// Ignores stop requests during a validation. A validation is short, and the checkpoint of the
+/// validated step is written only afterwards.
 struct Unstopped<'a>(&'a dyn Observer);
 
 impl Observer for Unstopped<'_> {

@@ -35,7 +35,7 @@ pub struct Inference {
     pub mean: f64,
     /// 95 % confidence interval; an unbounded end is infinite.
     pub interval: (f64, f64),
-    /// Two-sided p for the hypothesis that the mean is zero. It is below 0.05 if and only if the
+    /// Two-sided p for the hypothesis that the mean is zero. p is below 0.05 if and only if the
     /// interval excludes zero.
     pub p: f64,
     /// Standard error by the cluster jackknife, for every procedure; 0 if all clusters differ by the same amount.
@@ -51,7 +51,7 @@ pub struct Inference {
     pub sign_flip: Option<SignFlip>,
 }
 
-/// Why there is no interval and no p.
+/// Reason for which there is neither an interval nor a p value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NoInference {
     #[error("no pairs")]
@@ -67,8 +67,8 @@ pub enum NoInference {
     NoSpread,
 }
 
-/// Mean difference over datasets, which all have equal weight whatever their numbers of pairs: interval, p and
-/// detectable difference, by the rule in the [crate's documentation](crate).
+/// The mean of the datasets' mean differences, each dataset with equal weight, with its interval
+/// and p, by the rule in the [crate's documentation](crate).
 pub fn infer(datasets: &[&Clusters], resampling: Resampling) -> Result<Inference, NoInference> {
     if datasets.is_empty() || datasets.iter().any(|d| d.n_pairs() == 0) {
         return Err(NoInference::NoPairs);

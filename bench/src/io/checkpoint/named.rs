@@ -62,9 +62,10 @@ pub enum NetworkError {
     OtherWeights { path: PathBuf, sha256: String },
 }
 
-/// The network of a checkpoint, on the CPU. `checkpoint` is a file, or `mini` for the bundled network; without it, the
-/// official checkpoint is searched for. The configuration is `config` (`FILE.json#NAME`) if given, otherwise that of a
-/// fitting `.json` next to the file, otherwise the release's. `mini` has its own configuration and accepts no other.
+/// The network of a checkpoint, on the CPU. `checkpoint` is a file, or `mini` for the bundled
+/// network; if `checkpoint` is `None`, the official checkpoint is searched for. The configuration
+/// is `config` (`FILE.json#NAME`) if given, otherwise the configuration in a fitting `.json` next
+/// to the file, otherwise the release's. `mini` has its own configuration and accepts no other.
 ///
 /// # Errors
 /// [`NetworkError`] if no checkpoint is found, if the file or its configuration cannot be read, if several
@@ -164,8 +165,8 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     })
 }
 
-/// Configurations, each with its `FILE#NAME`: those in `STEM.json` next to the checkpoint or, if there are none, those
-/// in all `.json` files there.
+/// Configurations, each with its `FILE#NAME`: those in `STEM.json` next to the checkpoint or, if
+/// that file has none, those in all `.json` files in the checkpoint's folder.
 fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     let own = checkpoint.with_extension("json");
     let of_file = |path: &Path| {

@@ -23,7 +23,7 @@ pub struct CheckpointRecord {
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Standing {
-    /// There was no record to compare with, so one was written to this file.
+    /// There was no earlier record to compare with, so a record was written to this file.
     Unverified(PathBuf),
     Matches(String),
 }

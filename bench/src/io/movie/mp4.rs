@@ -112,7 +112,7 @@ impl Mp4Movie {
         })
     }
 
-    /// ffmpeg's last error message, or else `otherwise`.
+    /// ffmpeg's last error message, or `otherwise` if there is no message.
     fn failed(&mut self, otherwise: &str) -> MovieError {
         let mut said = String::new();
         // If ffmpeg's output cannot be read, use `otherwise`.

@@ -54,7 +54,7 @@ pub(super) fn judge(
     })
 }
 
-/// A check, and its subject if it concerns a metric.
+/// A check, and the subject of the check if it concerns a metric.
 type Judged<'a> = (Check, Option<Subject<'a>>);
 
 struct Judge<'a> {
@@ -264,7 +264,8 @@ impl<'a> Judge<'a> {
             let rows = self.comparison.rows.iter().filter(of_metric);
             let mut rows = rows.filter(|row| row.no_inference != Some(NoInference::NoPairs));
             let Some(row) = rows.find(|row| row.dataset == place) else {
-                // Methods need not cover the same datasets, so require scores only where A has some.
+                // Methods need not cover the same datasets, so scores are required only where A has
+                // scores.
                 let is_asked =
                     dataset.is_some() || self.has_scores(&against.joined[0], info, place);
                 return is_asked.then(|| unscored(check));

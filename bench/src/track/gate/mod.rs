@@ -95,7 +95,7 @@ pub struct Check {
     pub mde: Option<f64>,
     /// Reason for the state, in one line; empty if the numbers suffice.
     pub reason: String,
-    /// Decimals in tables.
+    /// Number of decimals in tables.
     #[serde(skip)]
     pub decimals: usize,
 }
@@ -147,7 +147,7 @@ impl Check {
         }
     }
 
-    /// Sets the values of A and B and their difference.
+    /// Sets the values of A and B and the difference between them.
     fn measured(self, a: f64, b: f64, difference: f64, decimals: usize) -> Self {
         Self {
             a: Some(a),
@@ -222,7 +222,8 @@ fn shell_word(text: &str) -> String {
 /// Judges run B relative to run A. `methods` has the same meaning as in [`compare`].
 ///
 /// # Errors
-/// If the runs cannot be compared, or a limit names a metric or a dataset that they do not have.
+/// If the runs cannot be compared, or a limit names a metric or a dataset that the runs do not
+/// have.
 ///
 /// Without limits, any significant loss in a metric of both runs fires.
 pub fn gate(
