@@ -194,7 +194,7 @@ pub fn composed(name: &str) -> String {
     name.nfc().map(|(c, _)| c).collect()
 }
 
-/// A [`composed`] name in lower case.
+/// A name in lower case and in NFC, see [`composed`].
 pub fn folded(name: &str) -> String {
     composed(name).to_lowercase()
 }

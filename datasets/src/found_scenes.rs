@@ -24,7 +24,7 @@ pub struct LeftOutScene {
 pub enum Why {
     /// The scene cannot be read or is incomplete.
     Fault(DatasetError),
-    /// A setting excludes the scene, although nothing is wrong with it.
+    /// A setting excludes the scene, which itself has no fault.
     Choice(String),
 }
 

@@ -40,7 +40,7 @@ pub struct DatasetEntry {
     /// would apply.
     #[serde(skip)]
     pub paper_overlap: PaperOverlap,
-    /// Remaining uncertainties.
+    /// Remaining uncertainties about the dataset.
     pub caveat: &'static str,
     /// Available settings, for instance for different interpretations of the paper.
     #[serde(rename = "readings")]

@@ -55,12 +55,12 @@ impl Units {
         )
     }
 
-    /// Metres per unit of the poses.
+    /// Metres per unit of the poses; 1 without a setting.
     pub(super) fn pose_unit_m(self) -> f64 {
         self.scale.unwrap_or(1.0)
     }
 
-    /// Metres per unit of depth maps.
+    /// Metres per unit of depth maps; 1 without a setting.
     pub(super) fn depth_unit_m(self) -> f64 {
         self.depth_unit.unwrap_or(1.0)
     }

@@ -18,7 +18,7 @@ pub(super) enum DepthIs {
     /// Values of a z-buffer, `v · (1 − near / depth)`; holds v, the value at infinite depth. The
     /// resulting depth is in units of the near plane's distance.
     Buffer(f64),
-    /// Too small by this many metres.
+    /// The depth minus this many metres.
     Short(f64),
 }
 
@@ -78,7 +78,7 @@ impl Registration {
 /// An alternative interpretation of views, as changes to the dataset reader's interpretation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reading {
-    /// Factor of the poses' translations.
+    /// Factor by which the poses' translations are multiplied.
     pub(super) scale: f64,
     /// Factors of the focal lengths in x and y, for the view that is projected and the other view.
     pub(super) focal: [DVec2; 2],
@@ -268,10 +268,10 @@ impl Explained {
         explained
     }
 
-    /// Compares the depths of samples that land in `b`, and adds the loss of those whose loss is
-    /// saturated. Moves the other landings, whose loss also depends on colours, to the front of
-    /// `landings`, and returns their number. `b` is passed with its camera and its depth factor
-    /// under `reading`.
+    /// Compares the depths of samples that land in `b`, and adds their loss where it is saturated.
+    /// Moves the other landings, whose loss also depends on colours, to the front of `landings`,
+    /// and returns their number. `camera_b` and the depth factor `times_b` are those of `b` under
+    /// `reading`.
     fn compare_depths(
         &mut self,
         landings: &mut [Landing],
@@ -372,7 +372,7 @@ impl Explained {
         self.met > 0
     }
 
-    /// Fraction of agreeing depths among the samples that land on a pixel with depth; `None` if too few do.
+    /// if too few do => if too few samples land there
     pub(super) fn agreeing_where_met(&self) -> Option<f64> {
         let enough = self.met > 0 && self.met as f64 >= ENOUGH * self.samples as f64;
         enough.then(|| self.agreeing as f64 / self.met as f64)

@@ -263,7 +263,7 @@ impl Neighbours<'_> {
         (change, self.explained(&reading, self.stride))
     }
 
-    /// Tries swapping the focal lengths of two kinds of views.
+    /// If the views have exactly two focal lengths, tries swapping them.
     fn swapped_cameras(&self) -> Option<(Change, Vec<Explained>)> {
         let (text, factors) = swapped_focals(self.views)?;
         let carries = self.carries.iter().map(|(a, b)| {

@@ -58,7 +58,7 @@ use neighbours::Neighbours;
 pub struct DatasetReport {
     pub dataset: String,
     pub readings: Vec<SettingInForce>,
-    /// In the order of the dataset reader.
+    /// Scenes in the order in which the dataset reader returns them.
     pub scenes: Vec<SceneReport>,
     /// Scenes that are broken or incomplete: one line per reason, which names the file.
     pub unreadable: Vec<String>,

@@ -297,7 +297,7 @@ impl<'a> Neighbours<'a> {
         })
     }
 
-    /// Reports a single-coloured picture among those read.
+    /// Reports a picture of a single colour among the views read.
     pub(super) fn blank(&self) -> Option<String> {
         let around = self.around.iter();
         let all = self.small.iter().map(|(i, read)| (i, &read.0));

@@ -29,7 +29,7 @@ pub(super) const FLIPS: [((bool, bool), &str); 3] = [
     ((true, true), "turned by 180 degrees"),
 ];
 
-/// A reduced view with its pixels.
+/// A view's camera, picture and depth at reduced size.
 #[derive(Debug, Clone)]
 pub(super) struct SmallView {
     pub(super) camera: Intrinsics,

@@ -12,7 +12,7 @@ use crate::lens::Lens;
 /// Cameras, keyed by their ids.
 pub type Cameras = BTreeMap<u32, ColmapCamera>;
 
-/// A model without its points.
+/// A COLMAP model without its points.
 #[derive(Debug)]
 pub struct Model {
     /// The cameras that images refer to.

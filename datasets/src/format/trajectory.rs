@@ -17,7 +17,7 @@ pub struct NumberedPose {
     pub world_from_camera: Result<RigidTransform, CameraError>,
 }
 
-/// The poses of a `.log`.
+/// The blocks and poses of a `.log` file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Log {
     /// Indices of all blocks, in order; 0 belongs to the first picture.

@@ -216,7 +216,7 @@ fn radial4(r2: f64, k: [f64; 4]) -> f64 {
     r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])))
 }
 
-/// k0 r² + k1 r⁴ + …
+/// Evaluates k0 r² + k1 r⁴ + …
 fn radial(r2: f64, k: &[f64]) -> f64 {
     k.iter().rev().fold(0.0, |sum, k| (sum + k) * r2)
 }

@@ -51,7 +51,7 @@ impl Finish {
                 let cosine = -normal.dot(unit);
                 let inside = refracted_cosine(index, cosine);
                 let face = fresnel(index, cosine, inside);
-                // Both faces, with all reflections between them.
+                // Fraction that both faces reflect together, with all reflections between them.
                 let reflected = 2.0 * face / (1.0 + face);
                 // Snell's direction, then straight on to the end of the opening.
                 let refracted = unit / index + normal * (cosine / index - inside);

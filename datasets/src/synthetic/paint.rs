@@ -131,7 +131,7 @@ impl Paint {
         }
     }
 
-    /// Removes everything except the colour.
+    /// Removes the pattern and most of the grain.
     pub(super) fn make_plain(&mut self) {
         self.pattern = Pattern::Plain;
         self.grain.0 *= 0.3;
