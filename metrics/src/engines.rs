@@ -26,7 +26,7 @@ pub(crate) struct Engines {
     lpips: BTreeMap<LpipsNet, Lpips>,
     dists: Option<Dists>,
     pub(crate) used: Vec<WeightsUsed>,
-    /// Picture rows processed at once, if set.
+    /// Number of picture rows processed at once; `None` for the default.
     strip: Option<usize>,
 }
 

@@ -203,7 +203,7 @@ impl BackboneInfo {
     }
 }
 
-/// `vgg16=<features_sha256>`, or `vgg16=absent`.
+/// `vgg16=<features_sha256>`, or `vgg16=absent` without weights.
 impl fmt::Display for BackboneInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let hash = self.features_sha256.as_deref().unwrap_or("absent");

@@ -32,7 +32,7 @@ pub enum PictureError {
         x: u32,
         /// Row of the first pixel that is not finite.
         y: u32,
-        /// 0 red, 1 green, 2 blue.
+        /// Channel of the pixel: 0 red, 1 green, 2 blue.
         channel: usize,
     },
     #[error(
@@ -45,7 +45,7 @@ pub enum PictureError {
         x: u32,
         /// Row of the first pixel out of range.
         y: u32,
-        /// 0 red, 1 green, 2 blue.
+        /// Channel of the pixel: 0 red, 1 green, 2 blue.
         channel: usize,
     },
 }
@@ -244,7 +244,7 @@ impl Mask {
         &self.inside
     }
 
-    /// Number of pixels inside.
+    /// Number of pixels inside the mask.
     pub fn count(&self) -> usize {
         self.inside.iter().filter(|&&inside| inside).count()
     }

@@ -33,9 +33,9 @@ pub enum Terms {
     /// Terms of DISTS, for the picture itself and five layers; the value is 1 minus the sum of all
     /// terms.
     Dists {
-        /// Weighted similarity of means.
+        /// Weighted similarity of means, for the picture and each layer.
         structure: [f64; 6],
-        /// Weighted similarity of covariances.
+        /// Weighted similarity of covariances, for the picture and each layer.
         texture: [f64; 6],
     },
 }

@@ -30,7 +30,7 @@ pub enum Unavailable {
     /// The mask contains no pixel for which the metric has a value.
     #[error("the mask leaves no pixel to score")]
     EmptyMask,
-    /// The target is a virtual view.
+    /// The target is a virtual view, which has no photograph.
     #[error("the target is only a camera, without a photograph to compare with")]
     NoPhotograph,
     /// Both pictures are constant, but the variant derives the data range from them.

@@ -27,10 +27,12 @@ pub(crate) struct Taps<'a> {
 /// given.
 const MEMORY: usize = 64 << 20;
 
-/// A layer with weights waits for at least this number of pixels; fewer do not justify reading the weights.
+/// Minimum number of pixels for which a layer with weights waits; fewer do not justify reading the
+/// weights.
 const BATCH_PIXELS: usize = 2048;
 
-/// A layer waits for at most this number of rows.
+/// Maximum number of rows for which a layer waits, even if they have fewer than [`BATCH_PIXELS`]
+/// pixels.
 const BATCH: usize = 16;
 
 /// Rows per Winograd tile. A batch that ends within a tile wastes the tile's remaining rows.
@@ -40,7 +42,7 @@ const TILE: usize = 4;
 /// does not grow with the number of pictures.
 const LANES: usize = 2;
 
-/// Working memory that the pictures of a lane use in turn.
+/// Working memory of one of the [`LANES`], used by its pictures in turn.
 #[derive(Default)]
 struct Lane {
     blocks: Blocks,

@@ -44,9 +44,9 @@ enum Op {
 
 #[derive(Debug, Clone)]
 struct ConvWeights {
-    /// `[out, in, k, k]`.
+    /// Weights `[out, in, k, k]`.
     weight: Tensor,
-    /// `[1, out, 1, 1]`.
+    /// Biases `[1, out, 1, 1]`.
     bias: Tensor,
 }
 
@@ -155,7 +155,7 @@ impl TensorLayer {
 }
 
 impl TensorNetwork {
-    /// Builds the network as trained.
+    /// Builds the network as it was trained, i.e. with max pooling.
     pub(crate) fn new(backbone: Backbone, tensors: &Tensors, device: &Device) -> Result<Self> {
         let conv = |name: &str| ConvWeights::new(tensors, name, device);
         let mut layers: Vec<TensorLayer> = Vec::new();
@@ -347,7 +347,7 @@ struct Held {
     first: usize,
     /// Index one past the last row that was pushed.
     end: usize,
-    /// `[1, channels, end − first, columns]`.
+    /// The buffered rows, `[1, channels, end − first, columns]`; `None` if there are none.
     rows: Option<Tensor>,
 }
 
@@ -376,7 +376,7 @@ impl Held {
     }
 }
 
-/// Rows with channels innermost.
+/// Copies rows to the host, with channels innermost.
 fn host_rows(rows: &Tensor) -> Result<Vec<f32>> {
     rows.get(0)?
         .permute((1, 2, 0))?

@@ -14,13 +14,13 @@ pub(super) struct Filter {
     support: f64,
 }
 
-/// A triangle.
+/// The triangle filter.
 pub(super) const BILINEAR: Filter = Filter {
     value: |x| (1.0 - x.abs()).max(0.0),
     support: 1.0,
 };
 
-/// Keys' cubic with a = −0.5.
+/// Keys' cubic filter with a = −0.5.
 pub(super) const BICUBIC: Filter = Filter {
     value: cubic,
     support: 2.0,

@@ -19,7 +19,7 @@ pub(super) struct Constants {
     pub(super) covariance: f64,
     /// True if the covariance is bounded by the variances.
     pub(super) bounded: bool,
-    /// Added to the denominator.
+    /// Constant that is added to the denominator of each similarity.
     pub(super) guard: f64,
 }
 
