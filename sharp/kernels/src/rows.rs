@@ -8,7 +8,7 @@ use std::ops::Range;
 pub struct RowWindow<'a> {
     /// The first rows of the window.
     head: &'a [f32],
-    /// The remaining rows.
+    /// The remaining rows of the window.
     tail: &'a [f32],
     /// Image row at which `tail` begins.
     split: usize,

@@ -20,7 +20,7 @@ const PIXELS_PER_TASK: usize = 4096;
 /// Input image of a convolution.
 #[derive(Debug, Clone, Copy)]
 pub struct ConvInput<'a> {
-    /// `[height][width][channels]`.
+    /// Pixels, `[height][width][channels]`.
     pub data: &'a [f32],
     pub height: usize,
     pub width: usize,
