@@ -29,7 +29,7 @@ const LOCAL_LEN: usize = 30;
 pub(crate) enum ZipEntry {
     /// Uncompressed, at this byte range of the file.
     Stored(Range<usize>),
-    /// Cannot be read, for the given reason.
+    /// The data cannot be read, for the given reason.
     Unreadable(String),
 }
 
