@@ -156,7 +156,7 @@ pub struct Intervals {
     /// Steps between two validations; 0 disables validation.
     pub validation: u64,
     pub checkpoint: u64,
-    /// Number of checkpoints kept, newest first.
+    /// Number of most recent checkpoints that are kept.
     pub kept_checkpoints: usize,
 }
 

@@ -65,7 +65,7 @@ pub enum StateError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
     F32,
-    /// Rounded to the nearest value.
+    /// Half precision, rounded to the nearest value.
     F16,
 }
 

@@ -34,7 +34,7 @@ pub use view::TrainingView;
 /// compared with both views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
-    /// `SCENE/SOURCE__TARGET`.
+    /// Id, `SCENE/SOURCE__TARGET`.
     pub id: String,
     pub source: TrainingView,
     pub target: TrainingView,
@@ -43,7 +43,7 @@ pub struct Sample {
 /// A picture without depth or other views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Photograph {
-    /// `SCENE/VIEW`, or the file's name.
+    /// Id: `SCENE/VIEW`, or the file's name.
     pub id: String,
     /// Picture, sRGB-encoded.
     pub image: RgbImage,

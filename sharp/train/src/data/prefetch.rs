@@ -10,7 +10,7 @@ use super::{DataError, Source};
 /// current sample.
 #[derive(Debug)]
 pub struct Prefetcher<T> {
-    /// `None` only while being dropped.
+    /// Receives the samples; `None` only while the prefetcher is being dropped.
     made: Option<Receiver<Result<T, DataError>>>,
     maker: Option<JoinHandle<()>>,
 }

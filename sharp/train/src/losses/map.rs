@@ -24,7 +24,8 @@ impl Grid {
         }
     }
 
-    /// Per axis: the position of a value within its layer, the step to its neighbours, and the side.
+    /// For x and y: the index along this axis within the layer, the distance to the next value
+    /// along the axis in memory, and the axis's length.
     fn axes(&self, index: usize) -> [(usize, usize, usize); 2] {
         let (x, y) = (index % self.width, index / self.width % self.height);
         [(x, 1, self.width), (y, self.width, self.height)]
@@ -40,7 +41,7 @@ impl Grid {
         }
     }
 
-    /// ∂x and ∂y at one index.
+    /// ∂x and ∂y of a map at one index.
     pub(super) fn at(&self, map: impl Fn(usize) -> f64, index: usize) -> [f64; 2] {
         self.axes(index).map(|(at, step, side)| {
             let (back, on, factor) = self.reach(at, side);

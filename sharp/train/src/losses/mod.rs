@@ -37,7 +37,7 @@ use rayon::prelude::*;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loss<G> {
     pub value: f64,
-    /// One element per element of the argument.
+    /// Gradient, one element per element of the argument.
     pub gradient: Vec<G>,
 }
 
