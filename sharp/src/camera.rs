@@ -168,7 +168,7 @@ impl Intrinsics {
 /// Name values by the spaces they join, as in `camera_from_world`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigidTransform {
-    /// Orthonormal, determinant +1.
+    /// Rotation matrix: orthonormal, determinant +1.
     pub rotation: DMat3,
     /// Translation in metres, in the destination space.
     pub translation: DVec3,
@@ -185,11 +185,7 @@ impl RigidTransform {
     /// scaled matrix deviates by far more.
     pub const ORTHONORMALITY_TOLERANCE: f64 = 1e-2;
 
-    /// Creates a pose from a 3×3 matrix that is approximately a rotation, by projecting it onto the nearest one.
-    ///
-    /// # Errors
-    /// [`CameraError::NotFinite`] for values that are not finite; [`CameraError::NotRigid`] if the matrix deviates from
-    /// orthonormal by more than [`Self::ORTHONORMALITY_TOLERANCE`] or mirrors space.
+    /// onto the nearest one => onto the nearest rotation
     pub fn new(rotation: DMat3, translation: DVec3) -> Result<Self, CameraError> {
         if !rotation.is_finite() || !translation.is_finite() {
             return Err(CameraError::NotFinite { what: "pose" });

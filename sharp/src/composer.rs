@@ -34,7 +34,7 @@ pub const ATTRIBUTES: usize = 14;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{found} deltas instead of {expected}, {ATTRIBUTES} for each base Gaussian")]
 pub struct DeltaLength {
-    /// `ATTRIBUTES · layers · rows · columns`.
+    /// Expected number of deltas, `ATTRIBUTES · layers · rows · columns`.
     pub expected: usize,
     pub found: usize,
 }

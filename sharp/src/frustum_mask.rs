@@ -90,7 +90,7 @@ impl Warp {
         }
     }
 
-    /// 1 for pixels whose projection satisfies `inside`.
+    /// Mask that is 1 for pixels whose projection satisfies `inside`, and 0 for all others.
     fn mask(
         &self,
         depth: &DepthMap,

@@ -18,7 +18,7 @@ pub enum TrajectoryKind {
     Rotate,
     /// From left to right along a line.
     Swipe,
-    /// Left and right in the first half, up and down in the second.
+    /// Moves left and right in the first half of the path, up and down in the second.
     Shake,
 }
 

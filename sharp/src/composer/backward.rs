@@ -81,7 +81,7 @@ pub fn backward(
     Ok(out)
 }
 
-/// Inputs of a single Gaussian.
+/// Inputs of the composer for a single Gaussian.
 struct Block {
     x: f64,
     y: f64,

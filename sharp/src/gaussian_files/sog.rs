@@ -30,7 +30,7 @@ pub(super) fn from_folder(folder: &Path) -> Result<Decoded, PlyReason> {
     read(|name| crate::files::read(&folder.join(name)).map_err(|error| error.to_string()))
 }
 
-/// Reads a zip archive.
+/// Reads a SOG from the bytes of a zip archive.
 pub(super) fn from_archive(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes))
         .map_err(|_| damaged("its zip archive has no list of files at its end: truncated?"))?;

@@ -104,7 +104,7 @@ fn png_bits(start: &[u8]) -> f64 {
         2 => 3.0,
         4 => 2.0,
         6 => 4.0,
-        // Grey or palette index.
+        // Grey or palette index: one sample per pixel.
         _ => 1.0,
     };
     (f64::from(*depth) * channels).max(1.0)

@@ -38,7 +38,7 @@ impl NormResidualBlock {
         }
     }
 
-    /// First normalisation of `x`.
+    /// Output of the block's first normalisation for `x`.
     pub(super) fn normalized(&self, x: &Tensor) -> Result<Tensor> {
         self.norm0.forward(x)
     }

@@ -20,7 +20,7 @@ pub struct VitConfig {
     /// Channels of a token.
     pub embed_dim: usize,
     pub depth: usize,
-    /// Attention heads, each `embed_dim / num_heads` wide.
+    /// Number of attention heads, each `embed_dim / num_heads` wide.
     pub num_heads: usize,
     /// Initial LayerScale in training; unused at inference.
     #[serde(default)]
@@ -59,7 +59,7 @@ pub enum AlignmentInput {
 }
 
 impl AlignmentInput {
-    /// Number of predicted layers.
+    /// Number of predicted layers that the network receives.
     pub fn layers(self) -> usize {
         match self {
             Self::FirstLayer => 1,
@@ -98,7 +98,7 @@ pub struct ModelConfig {
     pub gaussian_dims_decoder: [usize; 5],
     /// Output channels of the texture and geometry heads.
     pub gaussian_dim_out: usize,
-    /// Groups of the heads' normalisations.
+    /// Number of groups in the heads' normalisations.
     pub gaussian_norm_num_groups: usize,
     /// Channels of the alignment network's finest level.
     pub alignment_base_width: usize,

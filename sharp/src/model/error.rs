@@ -38,7 +38,7 @@ pub enum ModelError {
         expected: usize,
         found: usize,
     },
-    /// The picture cannot be used.
+    /// The picture cannot be used as input, for the given reason.
     #[error("{0}")]
     Image(String),
     /// The network's depth cannot be converted to Gaussians.

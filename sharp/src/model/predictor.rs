@@ -21,7 +21,7 @@ use crate::resize::bilinear_align_corners;
 /// An sRGB-encoded image as planes.
 #[derive(Debug, Clone, Copy)]
 pub struct Planes<'a> {
-    /// `[3, height, width]` in 0..1.
+    /// Values, `[3, height, width]` in 0..1.
     pub values: &'a [f32],
     pub width: usize,
     pub height: usize,
@@ -44,7 +44,7 @@ pub struct NetworkOutput {
     pub gaussians: Gaussians,
     /// Depth layers `[2, R, R]` in metres.
     pub depth: Vec<f32>,
-    /// R, the internal resolution.
+    /// R, the internal resolution of the network.
     pub resolution: usize,
 }
 

@@ -31,7 +31,7 @@ pub struct TrainableNetwork {
     recomputes: bool,
 }
 
-/// Inputs of a pass.
+/// Inputs of a forward pass.
 #[derive(Debug, Clone, Copy)]
 pub struct TrainingInput<'a> {
     pub image: Planes<'a>,

@@ -235,7 +235,7 @@ impl StoredForm {
             .collect()
     }
 
-    /// The encodings of a PLY.
+    /// The encodings that 3D Gaussian Splatting uses in PLY files.
     pub fn ply() -> Self {
         Self {
             opacity: Some(StoredOpacity::Logit),

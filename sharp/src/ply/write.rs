@@ -27,10 +27,7 @@ const IDENTITY: [f32; 16] = [
     1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
 ];
 
-/// Encodes the scene as a binary little-endian PLY file.
-///
-/// Nothing is clamped: an opacity of exactly 1 becomes +∞, one of 0 becomes −∞. The disparity
-/// quantiles are computed over all Gaussians for which 1/z is a number.
+/// becomes +∞, one of 0 => becomes +∞, an opacity of 0
 pub fn to_bytes(scene: &GaussianScene, form: PlyForm) -> Vec<u8> {
     let n = scene.gaussians.len();
     let mut out = header(scene, form).into_bytes();
@@ -112,7 +109,7 @@ fn has_normals(scene: &GaussianScene, form: PlyForm) -> bool {
     form == PlyForm::Plain && scene.marks.generator == Some(Generator::InriaLike)
 }
 
-/// Number of `f_rest_*` properties.
+/// Number of `f_rest_*` properties in the written file.
 fn coefficients(scene: &GaussianScene, form: PlyForm) -> usize {
     match form {
         PlyForm::Plain => 3 * scene.gaussians.harmonics.per_gaussian(),
@@ -120,7 +117,7 @@ fn coefficients(scene: &GaussianScene, form: PlyForm) -> usize {
     }
 }
 
-/// Encodes a colour for storage.
+/// sRGB-encoded value of a colour channel in the `blending` colour space.
 pub(crate) fn srgb(color: f32, blending: ColorSpace) -> f32 {
     match blending {
         ColorSpace::Linear => srgb_from_linear(color),

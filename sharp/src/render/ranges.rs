@@ -121,7 +121,7 @@ impl TileLists {
     ) {
         let origin = corner.map(|c| c as f64);
         let within = |pixel: u16, axis: usize| -> u8 {
-            // In 0..=63 after the clamp.
+            // The result is in 0..=63 after the clamp.
             usize::from(pixel).saturating_sub(corner[axis]).min(BIN - 1) as u8
         };
         self.splats.clear();

@@ -91,7 +91,7 @@ type Pixels = [[f32; 16]; 5];
 #[inline(always)]
 pub(super) fn centers<L: Lanes>((x, y): (usize, usize)) -> [L; 2] {
     let center = |first: usize, within: fn(usize) -> usize| {
-        // At most 63.5: exact.
+        // At most 63.5, which f32 represents exactly.
         L::from_array(&std::array::from_fn(|lane| {
             L::Scalar::from((first + within(lane)) as f32 + 0.5)
         }))
@@ -148,7 +148,7 @@ pub(super) struct Absorption<L: Lanes> {
 
 /// Remaining transmittance of a block's pixels, front to back.
 pub(super) struct Transmittance<L> {
-    /// Zero in finished pixels.
+    /// Remaining transmittance; zero in finished pixels.
     pub(super) left: L,
     /// Final transmittance of finished pixels.
     done: L,

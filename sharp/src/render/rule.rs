@@ -38,9 +38,9 @@ impl Compensation {
 setting!(
     /// Treatment of a centre exactly on the near plane.
     NearPlane, "near-plane":
-    /// Drawn.
+    /// The Gaussian is drawn.
     Included = "included",
-    /// Dropped.
+    /// The Gaussian is dropped.
     Excluded = "excluded",
 );
 setting!(
@@ -57,7 +57,7 @@ setting!(
     /// Use of the camera's principal point.
     PrincipalPoint, "principal-point":
     Used = "used",
-    /// The picture's centre is used instead.
+    /// The picture's centre is used instead of the principal point.
     Ignored = "ignored",
 );
 setting!(

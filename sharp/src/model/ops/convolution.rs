@@ -23,7 +23,7 @@ pub(in crate::model) struct Convolution {
     pub(in crate::model) relu_input: bool,
     /// Applies ReLU to the result, after the residual is added.
     pub(in crate::model) relu: bool,
-    /// Constant weights, packed for both directions.
+    /// Constant weights, packed for the forward and the backward direction.
     pub(in crate::model) packed: Option<Arc<(Conv2d, InputGradient)>>,
 }
 

@@ -86,7 +86,7 @@ struct Product {
     /// Shape of the weights, `[out, in]`.
     shape: [usize; 2],
     packed: Option<Arc<PackedMatrix>>,
-    /// Applies GELU to the result; only with packed weights.
+    /// Applies GELU to the result; allowed only with packed weights.
     gelu: bool,
 }
 

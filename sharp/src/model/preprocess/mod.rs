@@ -49,7 +49,7 @@ impl Default for PhotoOptions {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Photo {
-    /// `[3, height, width]`, sRGB-encoded, 0..1.
+    /// Pixels, `[3, height, width]`, sRGB-encoded, 0..1.
     pub values: Vec<f32>,
     pub width: usize,
     pub height: usize,

@@ -25,7 +25,7 @@ pub struct RecordedInput {
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedStage {
     pub shape: Vec<usize>,
-    /// Largest magnitude over the whole stage.
+    /// Largest absolute value of the whole stage.
     pub absmax: f64,
     pub values: RecordedValues,
 }

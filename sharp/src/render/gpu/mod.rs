@@ -77,7 +77,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Peak total size of this renderer's device buffers in bytes, including those mapped by the host.
+    /// including those mapped => including buffers mapped
     pub fn peak_bytes(&self) -> u64 {
         self.gpu.memory.peak()
     }
@@ -102,7 +102,7 @@ impl Renderer for GpuRenderer {
     }
 }
 
-/// A scene on the device.
+/// A scene uploaded to the device.
 struct Uploaded<'a> {
     on_device: GpuScene,
     renderer: &'a mut GpuRenderer,
