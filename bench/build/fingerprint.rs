@@ -44,7 +44,7 @@ pub(crate) static GROUPS: LazyLock<Vec<SourceGroup>> = LazyLock::new(|| {
 
 /// The workspace crate that owns a source path; `None` for `sharp-bench` itself.
 pub(crate) fn crate_of(source: &str) -> Option<&'static str> {
-    // Longer prefixes first.
+    // Longer prefixes come first, because the first match counts.
     let crates = [
         ("bench/", None),
         ("sharp/kernels/", Some("sharp-kernels")),

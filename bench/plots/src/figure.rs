@@ -45,7 +45,8 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// Renders the shapes that `picture` draws in all three formats; width and height are in units.
+    /// Renders, in all three formats, the shapes that `picture` draws; width and height are in
+    /// units.
     ///
     /// # Errors
     /// If the drawing library or an encoder fails.

@@ -40,7 +40,7 @@ const ROOM: f64 = 0.8;
 const PRINT_ROOM: f64 = 0.96;
 /// Preferred minimum panel width in print.
 const NARROWEST: f64 = 170.0;
-/// Minimum panel width; below it the numbers of an axis overlap.
+/// below it the numbers => below this width, the numbers
 const MIN_WIDTH: f64 = 130.0;
 /// Height of the strip of sample counts.
 const COUNT_STRIP: f64 = 30.0;
@@ -122,7 +122,7 @@ pub struct PlotArea {
     pub infinity: f64,
 }
 
-/// Draws the data of a panel.
+/// Function that draws the data of a panel.
 pub type DrawData<'a> = Box<dyn Fn(&mut Surface, &PlotArea) + 'a>;
 
 pub struct Panel<'a> {

@@ -133,21 +133,21 @@ pub fn shown(value: f64, decimals: usize) -> String {
     }
 }
 
-/// A linear map from data to pixels.
+/// A linear map from data values to pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// Data value at `from`.
+    /// Data value that is drawn at pixel `from`.
     pub low: f64,
-    /// Data value at `to`.
+    /// Data value that is drawn at pixel `to`.
     pub high: f64,
-    /// Pixel of `low`.
+    /// Pixel at which `low` is drawn.
     pub from: f64,
-    /// Pixel of `high`.
+    /// Pixel at which `high` is drawn.
     pub to: f64,
 }
 
 impl Scale {
-    /// Pixel of a value.
+    /// Pixel at which `value` is drawn.
     pub fn place(&self, value: f64) -> f64 {
         self.from + (value - self.low) / (self.high - self.low) * (self.to - self.from)
     }

@@ -40,7 +40,7 @@ impl Observer for Warnings {
     }
 }
 
-/// The cache of measured overlaps.
+/// The user's cache of measured overlaps; `None` if there is no cache folder.
 pub(crate) fn cache() -> Option<OverlapCache> {
     OverlapCache::users_folder().map(OverlapCache::in_folder)
 }

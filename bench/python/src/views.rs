@@ -217,7 +217,7 @@ pub(crate) fn configs(specs: &[String]) -> Result<Vec<DatasetConfig>, PairError>
     specs.iter().map(|spec| spec.parse()).collect()
 }
 
-/// Opens datasets.
+/// Opens the datasets `specs`, with only the scenes that match `scenes` if given.
 #[pyfunction]
 #[pyo3(signature = (specs, scenes=None))]
 pub(crate) fn datasets(

@@ -24,7 +24,7 @@ pub struct FileError {
 }
 
 impl FileError {
-    /// An error constructor for `map_err`.
+    /// Creates an error constructor for `map_err`.
     pub fn new(path: &Path, action: &'static str) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self {

@@ -269,7 +269,7 @@ fn read_exr(
 /// Coverage (alpha), 0..1.
 pub type Alpha = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// A rendering before encoding.
+/// A rendering in linear light, before sRGB encoding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearPicture {
     /// Linear light, premultiplied, over the background.

@@ -116,7 +116,7 @@ pub fn csv_cell(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// CSV of a header and rows.
+/// Formats a header and rows as CSV.
 pub fn csv_bytes<R: IntoIterator<Item: AsRef<[u8]>>>(
     head: impl IntoIterator<Item: AsRef<[u8]>>,
     rows: impl IntoIterator<Item = R>,

@@ -73,8 +73,7 @@ impl SharedRenderer {
         &self.name
     }
 
-    /// Renders a scene from a camera; `camera_from_scene` may be any affine map. Without a `rule`,
-    /// uses SHARP's with this renderer's low-pass.
+    /// uses SHARP's with => uses SHARP's rule with
     pub fn render(
         &self,
         scene: &Gaussians,
@@ -100,7 +99,7 @@ impl SharedRenderer {
         }
     }
 
-    /// Calls `work` with the loaded scene.
+    /// Loads the scene and calls `work` with it.
     pub fn with_loaded<T>(
         &self,
         scene: &Gaussians,

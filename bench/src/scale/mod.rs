@@ -72,7 +72,7 @@ fn write(out: &Path, files: Vec<(String, String)>) -> Result<Vec<PathBuf>, Scale
     let mut written = Vec::new();
     for (name, text) in files {
         let path = out.join(name);
-        // Insert after the shebang line.
+        // Insert the mark after the shebang line.
         let (first, rest) = if text.starts_with("#!") {
             text.split_once('\n').unwrap_or((&text, ""))
         } else {

@@ -19,9 +19,10 @@ pub struct GroundTruth {
 
 #[derive(Debug, Default)]
 pub(crate) struct PairMasks {
-    /// Mask for the metrics with `@frustum`.
+    /// Mask for metrics with the suffix `@frustum`.
     pub(crate) frustum: Option<Mask>,
-    /// Mask for the metrics with `@mask`; if `None`, they use the pixels that the dataset does not exclude.
+    /// Mask for metrics with the suffix `@mask`; `None` selects the pixels that the dataset does
+    /// not exclude.
     pub(crate) given: Option<Mask>,
     pub(crate) border: Border,
 }
@@ -46,7 +47,7 @@ impl GroundTruth {
         &self.image
     }
 
-    /// The pixels that count; `None` if the dataset excludes none.
+    /// excludes none => excludes no pixels
     pub(crate) fn valid(&self) -> Option<&Mask> {
         self.valid.as_ref()
     }

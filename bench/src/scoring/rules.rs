@@ -12,7 +12,7 @@ use super::Region;
 pub struct ScoringRules {
     /// The mask that metrics with the suffix `@mask` use.
     pub mask: PairMask,
-    /// Treatment of the border.
+    /// Treatment of the border of pictures.
     pub border: Border,
 }
 

@@ -35,7 +35,7 @@ pub enum TrainError {
     Method(#[from] MethodError),
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// The folder has other contents.
+    /// The folder contains something other than this training run.
     #[error("{}: {reason}", folder.display())]
     OtherFolder { folder: PathBuf, reason: String },
     /// The validation dataset overlaps the training data.

@@ -39,7 +39,7 @@ pub const RESNET_FILE: &str = "resnet50dilated.pth";
 /// A published file for which the authors provide no hash.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Release {
-    /// Name of the file for `weights fetch`.
+    /// Name of the file on the command line of `weights fetch`.
     pub name: &'static str,
     /// File name in our cache.
     pub file: &'static str,

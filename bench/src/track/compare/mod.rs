@@ -86,7 +86,7 @@ pub struct ScoreChange {
     pub method_b: String,
     /// Number of pairs with a score on both sides.
     pub n_pairs: usize,
-    /// Number of physical scenes of these pairs.
+    /// Number of physical scenes of the pairs with a score on both sides.
     pub n_scenes: usize,
     /// Number of pairs with an infinite score on either side.
     pub n_infinite: usize,
@@ -154,7 +154,7 @@ pub struct Against {
 
 #[derive(Debug, Clone)]
 pub struct RunComparison {
-    /// Run folder or bundle.
+    /// Path of run A, a folder or a bundle.
     pub a: PathBuf,
     pub b: PathBuf,
     pub against: Vec<Against>,
@@ -162,7 +162,7 @@ pub struct RunComparison {
     pub rows: Vec<ScoreChange>,
     /// Notes that do not prevent the comparison, one line each.
     pub notes: Vec<String>,
-    /// Seed and number of resamples.
+    /// Seed and number of the resamples behind intervals and p values.
     pub resampling: Resampling,
     /// The results of both runs, joined.
     pub results: Results,

@@ -76,7 +76,8 @@ struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    /// Size of a change for the worse.
+    /// How much worse B is for this limit: positive if B is worse or, if improvements also count,
+    /// the size of the difference.
     fn loss(&self, difference: f64) -> f64 {
         match self.info.direction {
             _ if self.either_way => difference.abs(),
@@ -450,7 +451,7 @@ fn why_not_significant(row: &ScoreChange) -> String {
     }
 }
 
-/// A score that is not NaN.
+/// The score of a record under `key`; `None` if it is missing or NaN.
 fn number(record: &Record, key: &str) -> Option<f64> {
     let value = record.scores.get(key).and_then(Score::value);
     value.filter(|value| !value.is_nan())

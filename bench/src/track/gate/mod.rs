@@ -43,11 +43,11 @@ pub enum GateError {
 pub enum CheckState {
     #[default]
     Passed,
-    /// Beyond the limit, but not significant.
+    /// The difference is beyond the limit, but not significant.
     NotSignificant,
     /// A cost that was not measured, is too small, or was measured on different devices.
     NotCompared,
-    /// These runs do not allow a decision.
+    /// The runs do not allow a decision.
     Inconclusive,
     Fired,
 }

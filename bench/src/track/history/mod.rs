@@ -40,7 +40,7 @@ pub enum HistoryError {
     /// A file cannot be read or written.
     #[error(transparent)]
     File(#[from] FileError),
-    /// Invalid label, commit or date.
+    /// The label, commit or date is invalid.
     #[error("{0}")]
     Occasion(String),
     /// The folder has other files, or no entry.
@@ -50,7 +50,7 @@ pub enum HistoryError {
 
 #[derive(Debug)]
 struct Entry {
-    /// Number, from 1 in the order of adding.
+    /// Number of the entry; entries are numbered from 1 in the order in which they were added.
     number: u32,
     occasion: Occasion,
     bundle: Bundle,
@@ -114,7 +114,7 @@ pub fn occasion(
     date: Option<&str>,
 ) -> Result<Occasion, HistoryError> {
     let name = || {
-        // The canonical path has a name even if the given one is `.`.
+        // the given one => the given path
         let run = fs::canonicalize(run).unwrap_or_else(|_| run.to_owned());
         let name = if run.is_dir() {
             run.file_name()

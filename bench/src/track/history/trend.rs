@@ -71,7 +71,7 @@ pub struct Point {
     pub ci_high: Option<f64>,
     /// First digits of the SHA-256 of the method's weights; empty without weights.
     pub weights: String,
-    /// Everything that determines the method's predictions.
+    /// Identity of everything that determines the method's predictions.
     pub identity: String,
     /// Number of the entry with which this point is compared; `None` at the start of a part of the
     /// series.
@@ -217,7 +217,7 @@ impl Trend {
         }
     }
 
-    /// Marks points without a step that differ from the reference of their part.
+    /// Marks points that are not a step but differ from the reference of their part of the series.
     fn find_drift(
         &self,
         scope: &MethodMetric<'_>,
