@@ -44,7 +44,7 @@ pub(crate) static GROUPS: LazyLock<Vec<SourceGroup>> = LazyLock::new(|| {
 
 /// The workspace crate that owns a source path; `None` for `sharp-bench` itself.
 pub(crate) fn crate_of(source: &str) -> Option<&'static str> {
-    // Longer prefixes first.
+    // Longer prefixes come first, because the first match counts.
     let crates = [
         ("bench/", None),
         ("sharp/kernels/", Some("sharp-kernels")),
@@ -64,20 +64,20 @@ pub(crate) struct Code {
     /// Locked versions by crate name, each with its dependencies.
     locked: BTreeMap<String, Vec<Locked>>,
     compiler: String,
-    /// Whether the other workspace crates are from a registry. If so, the hash contains their
+    /// Whether the other workspace crates are from a registry; the hash then contains their
     /// versions instead of their sources.
     packaged: bool,
 }
 
 struct Locked {
     version: String,
-    /// `name` or `name version`.
+    /// Dependencies, each as `name` or `name version`.
     dependencies: Vec<String>,
 }
 
 impl Code {
-    /// `files` by workspace-relative name; `lock` is the text of `Cargo.lock`; `compiler` identifies the compiler and
-    /// target.
+    /// `files` are the sources by workspace-relative name; `lock` is the text of `Cargo.lock`;
+    /// `compiler` identifies the compiler and target.
     pub(crate) fn new(
         files: BTreeMap<String, Vec<u8>>,
         lock: &str,
@@ -139,7 +139,7 @@ impl Code {
     }
 
     /// `name version` of the root crates and their transitive dependencies. A crate that is locked
-    /// in several versions is included in all of them.
+    /// in several versions is included in every version.
     fn closure(&self, roots: &[&str]) -> BTreeSet<String> {
         let mut found = BTreeSet::new();
         let mut open: Vec<&str> = roots.to_vec();

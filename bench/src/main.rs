@@ -7,8 +7,7 @@ fn main() -> ExitCode {
     ExitCode::from(sharp_bench::cli::main(std::env::args_os().collect()))
 }
 
-/// Sets library options that exist only as environment variables. Keeps those that the user has
-/// set.
+/// Sets library options that exist only as environment variables, unless the user has set them.
 fn set_environment() {
     let is_set = |name| std::env::var_os(name).is_some();
     let set = |name, value| {
@@ -20,8 +19,8 @@ fn set_environment() {
     if !is_set("CANDLE_NUM_THREADS") {
         set("CANDLE_NUM_THREADS", "1");
     }
-    // Without a desktop session, Mesa's device-select layer prints to standard error that it cannot
-    // find the default GPU. Disable the layer; we order adapters ourselves.
+    // Without a desktop session, Mesa's device-select layer prints an error about the default GPU.
+    // Disable the layer; we order adapters ourselves.
     if cfg!(target_os = "linux") && !is_set("XDG_RUNTIME_DIR") && !is_set("MESA_VK_DEVICE_SELECT") {
         set("NODEVICE_SELECT", "1");
     }

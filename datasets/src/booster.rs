@@ -268,7 +268,8 @@ impl BoosterRig {
     }
 }
 
-/// fx, fy, cx and cy from the matrix named `projection` or, if there is none, `intrinsic`.
+/// fx, fy, cx and cy from the matrix named `projection` or, if it is missing, from the one named
+/// `intrinsic`.
 fn camera(
     storage: &FileStorage,
     projection: &str,

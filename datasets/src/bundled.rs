@@ -12,7 +12,8 @@ struct BundledScene {
 }
 
 struct BundledFile {
-    /// Name of the bundled file. An EXR file of disparities is written as PFM, which the `middlebury` reader requires.
+    /// Name of the bundled file. An EXR file of disparities is extracted as PFM, which the
+    /// `middlebury` reader requires.
     name: &'static str,
     bytes: &'static [u8],
 }
@@ -68,8 +69,9 @@ const SCENES: [BundledScene; 4] = [
     },
 ];
 
-/// Writes the scene Motorcycle to `folder` and returns the path for the `middlebury` reader. Intact existing files are
-/// kept, others are replaced; each is written to a temporary file and then renamed, so that no file is ever incomplete.
+/// Writes the scene Motorcycle to `folder` and returns the path for the `middlebury` reader.
+/// Existing files with the expected hash are kept. Each other file is written to a temporary file
+/// and then renamed, so that no file is ever incomplete.
 ///
 /// # Errors
 /// [`DatasetError::Io`]; [`DatasetError::Malformed`] if a written file does not have the expected SHA-256.
@@ -80,7 +82,7 @@ pub fn extract(folder: &Path) -> Result<PathBuf, DatasetError> {
 /// Like [`extract`], with all four scenes: Motorcycle, Adirondack, Piano and Playroom.
 ///
 /// # Errors
-/// As [`extract`].
+/// As for [`extract`].
 pub fn extract_all(folder: &Path) -> Result<PathBuf, DatasetError> {
     extract_scenes(folder, &SCENES)
 }

@@ -25,13 +25,13 @@ pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
 
 type PixelSize = (u32, u32);
 
-/// Fits cameras to pictures as [`CAMERA_SIZE`] specifies, and counts the scaled ones.
+/// Fits cameras to pictures as [`CAMERA_SIZE`] specifies, and counts the scaled cameras.
 #[derive(Debug)]
 pub(crate) struct CameraSizes {
     /// Source file of the cameras, for notes.
     file: PathBuf,
     scale: bool,
-    /// True if the format has [`CAMERA_SIZE`].
+    /// True if the dataset format offers the setting [`CAMERA_SIZE`].
     pub(crate) is_offered: bool,
     rules: PictureRules,
     /// Number of scaled cameras, keyed by the camera's size and the picture's.
@@ -49,7 +49,7 @@ impl CameraSizes {
         }
     }
 
-    /// Sets the file from which the cameras were read; notes name it.
+    /// Sets the file from which the cameras were read, to be named in notes.
     pub(crate) fn cameras_from(&mut self, file: Option<&PathBuf>) {
         if let Some(file) = file {
             self.file.clone_from(file);
@@ -106,8 +106,8 @@ impl CameraSizes {
     }
 }
 
-/// Rejects a picture whose size differs from its camera's. If both axes differ by the same ratio, the error suggests
-/// [`CAMERA_SIZE`], or other files if the format does not have that setting.
+/// Rejects a picture whose size differs from its camera's. If both axes differ by the same ratio,
+/// the error suggests [`CAMERA_SIZE`] or, for formats without that setting, other files.
 pub(crate) fn check_size(
     path: &Path,
     found: PixelSize,

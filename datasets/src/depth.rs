@@ -42,7 +42,8 @@ impl ViewDepth {
         }
     }
 
-    /// File and values of a map that stores depth as whole numbers.
+    /// File and values of a map that stores depth as z or ray length in whole numbers; `None` for
+    /// other depth.
     pub(crate) fn stored(
         &self,
         view: &ViewGeometry,
@@ -120,7 +121,8 @@ const MIN_NEGATIVE_RATIO: u64 = 20;
 /// If there are this many different negative disparities, they are not marks of invalid pixels.
 const MIN_DIFFERENT_NEGATIVES: usize = 8;
 
-/// Up to one disparity in this many may be behind the cameras due to noise.
+/// At most one in this many disparities may give depth behind the cameras, which is attributed to
+/// noise.
 const MAX_BEHIND: u64 = 20;
 
 /// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
@@ -135,8 +137,8 @@ pub(crate) struct StereoGeometry {
 }
 
 impl StereoGeometry {
-    /// Depth in metres; 0 if the disparity is not finite, 0 or not above `least`, or if its point would be behind the
-    /// cameras.
+    /// Depth in metres; 0 if the disparity is zero, not finite or at most `least`, or if its point
+    /// would be behind the cameras.
     fn depth(&self, disparity: f32, least: f64) -> f32 {
         let shifted = f64::from(disparity) + self.doffs;
         let is_value = disparity != 0.0 && f64::from(disparity) > least;
@@ -253,8 +255,9 @@ impl DepthKind {
 /// Encoding of a stored depth map, which also determines how it is resampled to the pinhole camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum DepthEncoding {
-    /// A self-describing file. A stored unit is this many metres or, for reciprocals, this many 1/m. In integer maps,
-    /// 65535 means no depth, as 0 does. Dense: each pixel looks up the nearest stored one.
+    /// A self-describing file. The number is the metres per stored unit or, for reciprocals, 1/m
+    /// per stored unit. In integer maps, 0 and 65535 mean no depth. Maps are dense, so each pixel
+    /// takes the nearest stored value.
     Units(f64, DepthKind),
     /// Headerless f32 values, in metres. The map is sparse, so each sample is projected to its position in the pinhole
     /// view.

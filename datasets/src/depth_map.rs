@@ -5,7 +5,7 @@ use image::{ImageBuffer, Luma};
 /// z-depth in metres, row-major, top row first; 0 marks an invalid pixel, all other values are finite and positive.
 pub type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// Converts a depth to the value that a map stores: itself if it is finite and positive, else 0.
+/// The value that a map stores for a depth: `z` if it is finite and positive, else 0.
 pub(crate) fn valid_depth(z: f64) -> f32 {
     let z = z as f32;
     if z.is_finite() && z > 0.0 { z } else { 0.0 }

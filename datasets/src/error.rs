@@ -34,7 +34,8 @@ pub enum DatasetError {
         format: &'static str,
         /// Description of the expected layout.
         expected: &'static str,
-        /// Folders that could not be searched, after a semicolon; empty if none.
+        /// Text on folders that could not be searched, preceded by a semicolon;
+        /// empty if all could be searched.
         note: String,
     },
     /// The photograph of a virtual view was requested.
@@ -46,7 +47,7 @@ pub enum DatasetError {
     #[error("unknown dataset format '{name}'; {known}")]
     UnknownFormat {
         name: String,
-        /// The known formats; the nearest one comes first.
+        /// Known formats, the closest match first.
         known: String,
     },
 }

@@ -2,8 +2,8 @@
 //!
 //! `dslr_calibration_undistorted` and `dslr_calibration_jpg` are COLMAP text models in metres;
 //! picture names are relative to `images/`. Ground-truth depth consists of bare f32 metres in the
-//! geometry of the *distorted* pictures. It is semi-sparse, so its samples are projected to the
-//! pinhole camera one by one instead of being looked up.
+//! geometry of the *distorted* pictures. The depth is semi-sparse, so its samples are projected to
+//! the pinhole camera one by one instead of being looked up.
 
 use std::path::Path;
 
@@ -58,7 +58,8 @@ const DEPTH: &str = "ground_truth_depth/dslr_images";
 fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let top = photo.picture.split("/images/").next();
     let top = top.unwrap_or(photo.scene);
-    // The depth maps are aligned with the distorted pictures, so their cameras are always needed.
+    // Depth maps are aligned with the distorted pictures, whose cameras are therefore always
+    // needed.
     let models: &[&str] = if photo.folder.ends_with("undistorted") {
         &[UNDISTORTED, DISTORTED]
     } else {
@@ -75,7 +76,8 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 fn archives(photo: &PhotographPath<'_>) -> Vec<String> {
     let undistorted = photo.picture.contains("/dslr_images_undistorted/");
-    // The depth maps are aligned with the distorted pictures, so the archive with their cameras is always needed.
+    // Depth maps are aligned with the distorted pictures, so the archive with the cameras of these
+    // pictures is always needed.
     let parts = ["dslr_jpg", "dslr_depth"].into_iter();
     parts
         .chain(undistorted.then_some("dslr_undistorted"))
@@ -159,8 +161,8 @@ fn read_scene(
             (Some(map), Some(stored)) => {
                 root.check(&map)?;
                 cameras.extend(stored.files.iter().cloned());
-                // The entry of the same photograph: that with the same file name, or else with the
-                // same camera id.
+                // The entry of the same photograph: the one with the same file name, or else with
+                // the same camera id.
                 let mut entries = stored.images.iter();
                 let entry = entries.find(|other| other.name.rsplit('/').next() == Some(name));
                 let lens = stored.needed_lens(entry.unwrap_or(image))?;

@@ -25,7 +25,7 @@ pub(crate) struct FileContent {
     pub(crate) depth: Option<ViewDepth>,
     /// Files from which the camera was read.
     pub(crate) cameras: Vec<PathBuf>,
-    /// True if the format has `camera-size=`.
+    /// True if the dataset format offers the setting `camera-size`.
     pub(crate) has_camera_size: bool,
 }
 
@@ -115,7 +115,7 @@ impl ViewContent for FileContent {
         let Some(depth) = &self.depth else {
             return Ok(None);
         };
-        // Depth is allocated at the camera's size. Check that this matches the photograph's,
+        // Depth is allocated at the camera's size. Check this size against the photograph's,
         // because a few bytes of text could otherwise request any amount of memory.
         self.fitting()?;
         let mut depth = depth.load(&self.geometry)?;
@@ -169,7 +169,8 @@ impl ViewContent for FileContent {
 
     fn image_sha256(&self) -> Result<String, DatasetError> {
         self.fitting()?;
-        // Depth is masked when it is read.
+        // The mask of a view with depth is read together with the depth, so check it here
+        // only for views without depth.
         if self.depth.is_none() {
             self.valid_pixels()?;
         }

@@ -116,7 +116,7 @@ impl<'a> FileFinder<'a> {
         self.find(base, name, &["png", "npy", "npz", "exr", "pfm"])
     }
 
-    /// The names that match several files; at most one note.
+    /// A note on the names that match several files; empty if there are none.
     pub(crate) fn notes(&self) -> Vec<String> {
         if self.passed_over.is_empty() {
             return Vec::new();

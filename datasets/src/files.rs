@@ -12,14 +12,15 @@ use crate::format::error::FormatError;
 use crate::left_out::first_few;
 use crate::{DatasetError, natural_order};
 
-/// The folder given by the user. Every file that a reader opens is resolved through it: neither `..` nor a symbolic
-/// link may lead outside, because file lists and JSON are not trusted.
+/// The folder given by the user. Every file that a reader opens is resolved through it: neither
+/// `..` nor a symbolic link may lead outside the folder, because file lists and JSON are not
+/// trusted.
 #[derive(Debug, Clone)]
 pub struct Root {
     pub(crate) canonical: PathBuf,
     given: PathBuf,
     pub(crate) outside_allowed: bool,
-    /// The dataset's setting, if any, that allows names and links to lead outside.
+    /// The dataset's setting, if any, that allows names and links to lead outside the folder.
     pub(crate) remedy: &'static str,
 }
 
@@ -27,7 +28,8 @@ impl Root {
     /// Opens a folder; it may itself be a symbolic link.
     ///
     /// # Errors
-    /// [`DatasetError::Io`] if it does not exist, [`DatasetError::Malformed`] if it is a file.
+    /// [`DatasetError::Io`] if the path does not exist, [`DatasetError::Malformed`] if it is a
+    /// file.
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
         let canonical = path.canonicalize().map_err(|e| DatasetError::io(path, e))?;
         if !canonical.is_dir() {
@@ -56,7 +58,7 @@ impl Root {
         &self.given
     }
 
-    /// The last component of its path, for scenes without another name.
+    /// Last component of the folder's path, for scenes without another name.
     pub fn name(&self) -> String {
         self.canonical.file_name().map_or_else(
             || "scene".to_owned(),
@@ -74,10 +76,7 @@ impl Root {
         self.resolve_listed(&self.given, base, name)
     }
 
-    /// Like [`Root::resolve`], for a name found in the file `list`, which the error then names.
-    ///
-    /// # Errors
-    /// As for [`Root::resolve`].
+    /// Like [`Root::resolve`], for a name found in the file `list`; the error names `list`.
     pub fn resolve_listed(
         &self,
         list: &Path,
@@ -122,7 +121,7 @@ impl Root {
     /// Checks that a path constructed by this crate does not leave the root through a symbolic link.
     ///
     /// # Errors
-    /// [`DatasetError::Malformed`] if it does.
+    /// [`DatasetError::Malformed`] if the path leaves the root.
     pub fn check(&self, path: &Path) -> Result<(), DatasetError> {
         match path.canonicalize() {
             Ok(target) if !self.outside_allowed && !target.starts_with(&self.canonical) => {
@@ -179,10 +178,8 @@ pub fn list(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetError> {
     Ok(entries)
 }
 
-/// The pictures in a folder, recognised by their extensions; like [`list`].
-///
-/// # Errors
-/// As for [`list`].
+/// Names and paths of the pictures in a folder, recognised by their extensions, in the order of
+/// [`list`].
 pub(crate) fn pictures(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetError> {
     let mut entries = list(folder)?;
     entries.retain(|(name, _)| {
@@ -197,13 +194,14 @@ pub fn composed(name: &str) -> String {
     name.nfc().map(|(c, _)| c).collect()
 }
 
-/// A [`composed`] name in lower case.
+/// A name in lower case and in NFC, see [`composed`].
 pub fn folded(name: &str) -> String {
     composed(name).to_lowercase()
 }
 
-/// The files in a folder with the given stem and one of the given lower-case extensions, in the folder's order. If no
-/// name matches exactly, the names that are equal once [`folded`]. Empty if there is no folder.
+/// The files in a folder with the given stem and one of the given lower-case extensions, in the
+/// order of `extensions`. If there are none, the files whose stem equals `stem` once both are
+/// [`folded`], in the folder's order. Empty if the folder does not exist.
 pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
     let exact = extensions
         .iter()
@@ -224,8 +222,8 @@ pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
     fitting.map(|(_, path)| path).collect()
 }
 
-/// The folder on disk whose path equals `path` once both are [`folded`], or `path` itself if there is none. Only names
-/// below `base` may differ.
+/// The folder on disk whose path equals `path` once both are [`folded`], or `path` itself if no
+/// folder matches. Only names below `base` may differ.
 pub(crate) fn spelled(base: &Path, path: &Path) -> PathBuf {
     let Ok(relative) = path.strip_prefix(base) else {
         return path.to_owned();
@@ -275,7 +273,7 @@ pub fn read(path: &Path) -> Result<Vec<u8>, DatasetError> {
 /// Reads a regular file as UTF-8 text, without a byte order mark.
 ///
 /// # Errors
-/// As for [`read`]; [`DatasetError::Malformed`] if it is not UTF-8.
+/// As for [`read`]; [`DatasetError::Malformed`] if the text is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String, DatasetError> {
     let text = String::from_utf8(read(path)?)
         .map_err(|e| DatasetError::malformed(path, format!("not UTF-8 text: {e}")))?;

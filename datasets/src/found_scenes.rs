@@ -3,7 +3,8 @@
 use crate::left_out::LeftOutScenes;
 use crate::{DatasetError, Scene};
 
-/// Scenes in natural order, and those that exist but were excluded.
+/// The scenes of a dataset in natural order, and the scenes that exist but were
+/// excluded.
 #[derive(Debug, Default)]
 pub struct FoundScenes {
     pub scenes: Vec<Scene>,
@@ -23,7 +24,7 @@ pub struct LeftOutScene {
 pub enum Why {
     /// The scene cannot be read or is incomplete.
     Fault(DatasetError),
-    /// A setting excludes the scene, although nothing is wrong with it.
+    /// A setting excludes the scene, which itself has no fault.
     Choice(String),
 }
 
@@ -47,7 +48,8 @@ impl FoundScenes {
         });
     }
 
-    /// Excludes the scenes whose ids do not satisfy `belongs`, including broken ones.
+    /// Excludes the scenes whose ids do not satisfy `belongs`, whether readable or
+    /// broken.
     pub fn choose(&mut self, belongs: impl Fn(&str) -> bool, reason: &str) {
         let (scenes, others) = std::mem::take(&mut self.scenes)
             .into_iter()
@@ -65,7 +67,7 @@ impl FoundScenes {
     /// Returns the scenes if none is faulty.
     ///
     /// # Errors
-    /// If a scene is faulty; the error is that of the first such scene.
+    /// If a scene is faulty; returns the error of the first faulty scene.
     pub fn all(self) -> Result<Vec<Scene>, DatasetError> {
         let faults = self.left_out.into_iter();
         match faults.map(|scene| scene.why).find(Why::is_fault) {

@@ -82,7 +82,7 @@ impl LeftOut {
         names.push(name.into());
     }
 
-    /// One note per reason; `file` is the list of the excluded names.
+    /// One note per reason; `file` is the file that lists the excluded names.
     pub(crate) fn notes(&self, file: &Path) -> Vec<String> {
         let reasons = self.by_reason.iter();
         reasons

@@ -9,8 +9,9 @@ use crate::format::picture;
 use crate::left_out::first_few;
 use crate::undistort::Undistortion;
 
-/// The lowest level that counts as white in a mask whose format does not define it; lower ones count as black. Masks
-/// consist of 0 and 255, but JPEG and resizing add levels between them.
+/// The lowest level that counts as white in a mask whose format does not define a threshold; lower
+/// levels count as black. Masks consist of 0 and 255, but JPEG and resizing add levels between
+/// them.
 pub(crate) const WHITE: u8 = 128;
 
 /// The side of a mask that marks valid pixels.
@@ -30,8 +31,9 @@ pub(crate) struct MaskFile {
 }
 
 impl MaskFile {
-    /// Reads the mask for a view: 255 for valid pixels, 0 for others. `size` is that of the stored
-    /// picture, which the mask must match; `undistortion` is the picture's.
+    /// Reads the mask for a view: 255 for valid pixels, 0 for others. `size` is the stored
+    /// picture's, which the mask must match; `undistortion` is the mapping to apply to picture and
+    /// mask.
     pub(crate) fn read(
         &self,
         size: (u32, u32),
@@ -48,7 +50,7 @@ impl MaskFile {
     }
 }
 
-/// A level counts as that of an object if at least this fraction of a mask's pixels have it.
+/// A level counts as an object's label if at least this fraction of a mask's pixels have it.
 const MIN_LABELLED: f64 = 0.01;
 /// A picture counts as a map of objects if at least this fraction of its grey pixels lie in areas of one level.
 const MIN_FLAT: f64 = 0.8;

@@ -151,8 +151,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
 
 const PICTURES: [&str; 2] = ["im0.png", "im1.png"];
 
-/// True if a folder has a file of a scene, even in another format or with an upper-case name. Such
-/// a scene is reported as excluded rather than overlooked.
+/// True if a folder has a file of a scene, even in another format or with an upper-case name. In
+/// this way, a scene that cannot be read is reported as excluded instead of being overlooked.
 fn has_part(folder: &Path) -> bool {
     let names = files::list(folder).unwrap_or_default().into_iter();
     names

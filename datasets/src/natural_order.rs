@@ -27,7 +27,7 @@ pub fn compare(a: &str, b: &str) -> Ordering {
     }
 }
 
-/// Splits off the leading digits, without leading zeros.
+/// Splits off the leading digits, and drops their leading zeros; returns digits and rest.
 fn split_number(text: &[u8]) -> (&[u8], &[u8]) {
     let end = text
         .iter()

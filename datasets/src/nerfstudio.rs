@@ -75,7 +75,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 /// File names that are searched for in a folder; the first that exists is read.
 const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
-/// Other files of the same kind, which are read only if given as the path.
+/// Names of further files of the same kind, which are read only if given as the path.
 const OTHERS: [&str; 2] = ["transforms_val.json", "transforms_test.json"];
 
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
@@ -205,7 +205,8 @@ fn read_scene(
         ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
     folders.extend(depth);
     folders.retain(|(unused, _)| unused != folder);
-    // A file for a single split does not list all pictures, so pictures that it does not use are no cause for a note.
+    // A file for a single split does not list all pictures, so no note is made about pictures that
+    // it does not use.
     if json.ends_with(NAMES[0]) {
         scene.note_unused(&folders);
     }
@@ -218,7 +219,7 @@ struct FrameReader<'a> {
     metres: f64,
     depth_unit: f64,
     depth_kind: DepthKind,
-    /// The level of masks that is kept; `None` if masks are not read.
+    /// Which side of masks is kept, black or white; `None` if masks are not read.
     masks: Option<Keep>,
 }
 

@@ -7,7 +7,7 @@ pub struct Processing {
     pub undistorted: Option<Undistorted>,
     /// True if a mask made some pixels black and without depth.
     pub masked: bool,
-    /// True if it is known that no file contains the view's depth.
+    /// True if no file is known to contain the view's depth.
     pub lacks_depth: bool,
     /// True if depth is rendered from a scan at the view's pose, rather than read from a map that belongs to the
     /// picture.

@@ -12,7 +12,7 @@ pub enum FileRole {
     Camera,
     /// Names of the scenes or frames in a split.
     List,
-    /// Pixels to exclude; not every picture has one.
+    /// Mask of pixels to exclude; not every picture has a mask.
     Mask,
     /// Depth, used for overlap, for methods that require depth, and for results by distance.
     Depth,
@@ -24,7 +24,7 @@ pub struct RequiredFile {
     pub role: FileRole,
     /// Path relative to the dataset's folder, with `/` as the separator.
     pub path: String,
-    /// Alternative names.
+    /// Other paths at which the file may be found instead of `path`.
     pub or: Vec<String>,
 }
 

@@ -30,7 +30,8 @@ const MIN_LEFT: f64 = 0.2;
 /// Masks are reported if more than this fraction of their pixels are neither black nor white.
 const MAX_GREY: f64 = 0.005;
 
-/// A note on masks next to the pictures that are not read; `hint` explains how to read them.
+/// A note if there are masks next to the pictures that are not read; `hint` explains how to read
+/// these masks.
 pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     let folder = ["masks", "mask"]
         .map(|name| folder.join(name))
@@ -127,7 +128,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
         scene,
         found.iter().map(|picture| picture.header.color),
     ));
-    // A format that defines the polarity of its masks leaves nothing to check.
+    // If the format defines which side of masks is kept, there is nothing to check.
     if !spec.has_mask_sides() {
         return;
     }

@@ -36,15 +36,17 @@ pub struct DatasetEntry {
     /// Column group in the paper's tables; empty for data that the paper does not use.
     #[serde(rename = "table_column")]
     pub paper_column: &'static str,
-    /// The paper's rule for choosing pairs, or the one that would apply to data that the paper does not use.
+    /// The paper's rule for choosing pairs or, for data that the paper does not use, the rule that
+    /// would apply.
     #[serde(skip)]
     pub paper_overlap: PaperOverlap,
-    /// Remaining uncertainties.
+    /// Remaining uncertainties about the dataset.
     pub caveat: &'static str,
     /// Available settings, for instance for different interpretations of the paper.
     #[serde(rename = "readings")]
     pub settings: &'static [Setting],
-    /// True if its files store poses as matrices, so that no order of quaternions can be wrong.
+    /// True if the dataset's files store poses as matrices, so that no order of quaternions can be
+    /// wrong.
     #[serde(skip)]
     pub(crate) poses_are_matrices: bool,
     #[serde(skip)]
@@ -126,7 +128,8 @@ pub struct SettingInForce {
     pub value: String,
     /// True if the value is known to differ from the paper's procedure.
     pub proxy: bool,
-    /// True if the paper leaves this setting open, so that the value is one of several that it may have used.
+    /// True if the paper leaves this setting open; the value is then one of several that the paper
+    /// may have used.
     pub open: bool,
 }
 
@@ -147,7 +150,8 @@ impl DatasetSpec {
         }
     }
 
-    /// True if a setting says which side of masks is kept; otherwise the format defines it.
+    /// True if the format has the setting `masks`; otherwise, the format itself defines which side
+    /// of masks is kept.
     pub(crate) fn has_mask_sides(&self) -> bool {
         let mut settings = self.entry.settings.iter();
         settings.any(|setting| setting.allows("masks", "keep-black"))

@@ -82,7 +82,8 @@ fn read_scene(spec: &DatasetSpec, root: &Root, folder: &Path) -> Result<Scene, D
     stereo_pair::scene(spec, id.clone(), id, sides, &file, Vec::new())
 }
 
-/// The file with that stem, in any case.
+/// Finds the file in a folder with the given stem, in upper or lower case, and one of the
+/// extensions; `None` if there is none.
 fn find(
     root: &Root,
     folder: &Path,

@@ -23,8 +23,8 @@ pub(crate) struct Side {
     pub(crate) focal: (f64, f64),
     /// Principal point; the centre of the first pixel is (0.5, 0.5).
     pub(crate) center: (f64, f64),
-    /// Converts disparity to depth, `Z = baseline · f / (d + doffs)`. It is the same for both sides, because disparity is
-    /// always `x_left − x_right`.
+    /// Converts disparity to depth, `Z = baseline · f / (d + doffs)`. The conversion is the same
+    /// for both sides, because disparity is always `x_left − x_right`.
     pub(crate) geometry: StereoGeometry,
 }
 

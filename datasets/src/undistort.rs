@@ -116,7 +116,7 @@ impl Undistortion {
         &self.pinhole
     }
 
-    /// Rule by which that camera was chosen, for notes.
+    /// Rule by which the pinhole camera was chosen, for notes.
     pub fn rule(&self) -> &'static str {
         self.rule
     }
@@ -126,8 +126,9 @@ impl Undistortion {
         &self.lens
     }
 
-    /// Resamples a photograph bilinearly. Beyond its border it is mirrored about the outermost pixels (OpenCV's
-    /// `BORDER_REFLECT_101`). Pixels that the lens does not see are black.
+    /// Resamples a photograph bilinearly. Beyond its border, the photograph is mirrored about the
+    /// outermost pixels (OpenCV's `BORDER_REFLECT_101`). Pixels that the lens does not see are
+    /// black.
     pub fn image(&self, stored: &RgbImage) -> RgbImage {
         let size = (i64::from(stored.width()), i64::from(stored.height()));
         self.gathered(|place| {
@@ -164,8 +165,8 @@ impl Undistortion {
         })
     }
 
-    /// Resamples a mask as in ScanNet++'s toolbox: bilinearly, with 255 beyond its border; values below 255 then become
-    /// 0. Pixels that the lens does not see are 0.
+    /// Resamples a mask as in ScanNet++'s toolbox: bilinearly, with 255 beyond its border. Values
+    /// below 255 then become zero, as do pixels that the lens does not see.
     pub fn mask(&self, stored: &GrayImage) -> GrayImage {
         let (w, h) = (i64::from(stored.width()), i64::from(stored.height()));
         let lack = |x: i64, y: i64| {
@@ -188,12 +189,12 @@ impl Undistortion {
         })
     }
 
-    /// Projects each valid pixel of a sparse depth map to its new position; if several meet, the
-    /// nearest one counts. Unlike [`Self::depth_nearest`], this loses no samples when the picture
-    /// shrinks.
+    /// Projects each valid pixel of a sparse depth map to its new position; if several land on one
+    /// pixel, the smallest depth counts. Unlike [`Self::depth_nearest`], this loses no samples when
+    /// the picture shrinks.
     pub fn depth_splat(&self, stored: &DepthMap) -> DepthMap {
         let (width, height) = (self.pinhole.width, self.pinhole.height);
-        // For positive floats, the order of the bits is that of the values.
+        // For positive floats, the bits have the same order as the values.
         let nothing = f32::INFINITY.to_bits();
         let mut nearest = Vec::new();
         nearest.resize_with(width as usize * height as usize, || AtomicU32::new(nothing));

@@ -38,8 +38,8 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
         true
     }
 
-    /// 255 for valid pixels of the photograph; `None` if the dataset excludes none. Excluded pixels
-    /// are black in [`ViewContent::image`] and have no depth.
+    /// 255 for valid pixels of the photograph; `None` if the dataset excludes no pixels. Excluded
+    /// pixels are black in [`ViewContent::image`] and have no depth.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
@@ -51,7 +51,8 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// Names the file and why it cannot be read.
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError>;
 
-    /// The depth map's file and its values as stored; `None` if they are not whole numbers or the dataset has no depth.
+    /// The depth map's file and its values as stored; `None` if the values are not whole numbers or
+    /// the view has no stored depth.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
@@ -88,8 +89,8 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     }
 
     /// The photograph with the other interpretation of its EXIF orientation, at the size of
-    /// [`ViewContent::image`], and the setting that selects this interpretation. `None` if it has
-    /// no orientation, or if only one interpretation matches the camera.
+    /// [`ViewContent::image`], and the setting that selects this interpretation. `None` if the
+    /// photograph has no EXIF orientation, or if only one interpretation matches the camera.
     ///
     /// # Errors
     /// As for [`ViewContent::image`].
@@ -108,7 +109,7 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
 
 #[derive(Debug, Clone)]
 pub struct View {
-    /// Unique within the scene: the file's stem or the dataset's frame name.
+    /// Id, unique within the scene: the file's stem or the dataset's frame name.
     pub id: String,
     /// Pinhole intrinsics of [`ViewContent::image`].
     pub intrinsics: Intrinsics,
@@ -124,8 +125,8 @@ impl View {
         found.map(|(_, file)| file)
     }
 
-    /// The files of this view, as found by its reader. Paths are relative to `folder`, or complete
-    /// if a file is elsewhere.
+    /// The files of this view, as found by its reader. Paths are relative to `folder`; files
+    /// outside `folder` keep their full paths.
     pub fn required_files(&self, folder: &Path) -> Vec<RequiredFile> {
         let relative = |file: &Path| {
             let inside = file.strip_prefix(folder).unwrap_or(file);
@@ -155,19 +156,19 @@ pub enum Pairing {
 pub struct Scene {
     /// Name of the dataset instance: the user's choice, or the format's name by default.
     pub dataset: String,
-    /// Unique within the dataset; `/` separates levels.
+    /// Id, unique within the dataset; `/` separates levels.
     pub id: String,
     /// The physical scene. Scenes of one cluster (illuminations, exposures, two rectifications of one set-up) are not
     /// independent samples, so statistics resample them together.
     pub cluster: String,
-    /// In natural order of their ids.
+    /// Views in natural order of their ids.
     pub views: Vec<View>,
     pub pairing: Pairing,
     /// Assumptions and exclusions of the reader; shown before a run and stored in its manifest.
     pub notes: Vec<String>,
     /// Doubts about the files, each with the setting that resolves it; shown like notes, and as warnings before a run.
     pub warnings: Vec<String>,
-    /// Views that were excluded because of their files.
+    /// Views that were excluded because a file is missing, incomplete or unreadable.
     pub left_out: Vec<LeftOutViews>,
 }
 

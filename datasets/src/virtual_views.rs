@@ -160,7 +160,7 @@ impl Options {
         })
     }
 
-    /// Transforms from the photograph's camera to each virtual view's.
+    /// Transforms from the photograph's camera to the camera of each virtual view.
     fn poses(&self, camera: &Intrinsics, depth: Option<&DepthMap>) -> Vec<RigidTransform> {
         let range = depth.and_then(|depth| DepthRange::of_depths(depth.iter().copied()));
         let near = self.near_m.or(range.map(|range| range.near)).unwrap_or(1.0);

@@ -95,7 +95,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     spec.conclude(found, expected, categories.unsearched)
 }
 
-/// Ids and folders of a category's scenes; an error for a name that is not a scene's.
+/// Ids and folders of a category's scenes; instead of a folder, an error for a listed name that is
+/// not a scene's.
 type Folders = Vec<(String, Result<PathBuf, DatasetError>)>;
 
 /// Folders of the scenes that the category's list names, in natural order.

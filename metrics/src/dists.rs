@@ -17,7 +17,7 @@ use crate::unavailable::Unavailable;
 /// Number of taps: the picture and five layers.
 pub(crate) const TAPS: usize = 6;
 
-/// A DISTS score, `1 − Σ structure − Σ texture`, split into its terms.
+/// A DISTS score, `1 − Σ structure − Σ texture`, as the terms of both sums.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Similarity {
     /// Weighted similarity of means at each tap.
@@ -133,7 +133,8 @@ impl Dists {
     }
 }
 
-/// Added to numerator and denominator of each similarity, so that two near-zero moments count as equal.
+/// Constant added to numerator and denominator of each similarity, so that two near-zero moments
+/// count as equal.
 const C: f64 = 1e-6;
 
 /// Moments of the pictures' own values, in 0..1.

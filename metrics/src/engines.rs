@@ -26,7 +26,7 @@ pub(crate) struct Engines {
     lpips: BTreeMap<LpipsNet, Lpips>,
     dists: Option<Dists>,
     pub(crate) used: Vec<WeightsUsed>,
-    /// Picture rows processed at once, if set.
+    /// Number of picture rows processed at once; `None` for the default.
     strip: Option<usize>,
 }
 
@@ -203,7 +203,8 @@ impl Engines {
                 pictures.iter().map(|p| to_shorter_side_256(p)).collect();
             let unchanged = matches!(resized[0], Cow::Borrowed(_));
             if unchanged && wanted(Metric::Dists) {
-                // The pictures are too small to be reduced, so both metrics have the same value.
+                // The pictures are too small to be reduced, so `dists` and `dists[resize256]` have
+                // the same value.
                 for learned in &mut learned {
                     if let Some(full) = learned.dists.get(&Resolution::Full).cloned() {
                         learned.dists.insert(Resolution::Side256, full);
@@ -221,7 +222,8 @@ impl Engines {
     }
 }
 
-/// One result for each of `count` predictions; an error is repeated for all.
+/// Turns one result for all predictions into one result each; an error is repeated for each of
+/// `count` predictions.
 fn spread<T: Clone>(
     found: Result<Vec<T>, Unavailable>,
     count: usize,

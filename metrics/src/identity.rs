@@ -174,8 +174,9 @@ impl MetricRegion {
 
 /// Identifies one number: a metric with everything that affects its value.
 ///
-/// `Display` gives the canonical key, such as `ssim[gauss11,valid]` or `lpips[vgg,v0.1,unscaled]@frustum`; `FromStr`
-/// accepts that and the [`alias`](Self::alias). Ordered by region, then as in the table of keys.
+/// `Display` gives the canonical key, such as `ssim[gauss11,valid]` or
+/// `lpips[vgg,v0.1,unscaled]@frustum`; `FromStr` accepts the canonical key and the
+/// [`alias`](Self::alias). Ordered by region, then as in the table of keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct MetricKey {
@@ -254,8 +255,8 @@ impl MetricKey {
         }
     }
 
-    /// The same metric over a region; `None` if it is undefined there: DISTS over a mask, or a
-    /// mask-only metric over the whole picture.
+    /// The same metric over a region; `None` if the metric is undefined there: DISTS over a mask,
+    /// or a mask-only metric over the whole picture.
     pub fn inside(self, region: MetricRegion) -> Option<Self> {
         let exists = match region {
             MetricRegion::Whole => !self.metric.needs_mask(),
@@ -280,7 +281,7 @@ impl MetricKey {
         keys
     }
 
-    /// Every key with a given mask, including those that exist only with a mask.
+    /// Every key that is possible with a given mask, including keys that exist only with a mask.
     fn with_mask_only() -> Vec<Self> {
         let mut keys = Self::all_inside(MetricRegion::Given);
         keys.retain(|key| key.metric.needs_mask());

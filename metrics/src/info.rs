@@ -106,12 +106,12 @@ pub struct OwnWeights {
     pub package: String,
     /// File in the package.
     pub file: String,
-    /// SHA-256 of that file; this crate contains the same values.
+    /// SHA-256 of the published file; this crate contains the same values.
     pub sha256: String,
 }
 
 impl MetricInfo {
-    /// Describes the metric of a key, with its network's weights if they are among `used`.
+    /// Describes the metric of a key; includes the weights of its network if `used` contains them.
     pub fn new(key: MetricKey, used: &[WeightsUsed]) -> Self {
         const NETWORK: &str = "features f32, everything after them f64";
         let metric = key.metric();
@@ -203,7 +203,7 @@ impl BackboneInfo {
     }
 }
 
-/// `vgg16=<features_sha256>`, or `vgg16=absent`.
+/// `vgg16=<features_sha256>`, or `vgg16=absent` without weights.
 impl fmt::Display for BackboneInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let hash = self.features_sha256.as_deref().unwrap_or("absent");

@@ -17,7 +17,7 @@
 //! * `backbone`: the networks, streamed in strips of rows.
 //! * [`weights`]: the network weights that a metric needs, and their sources.
 
-/// Displays a type by its `name`, and parses it from the names of `ALL`.
+/// Implements `Display` by a type's `name`, and `FromStr` by the names of `ALL`.
 macro_rules! by_name {
     ($type:ident, $unknown:ident) => {
         impl std::fmt::Display for $type {

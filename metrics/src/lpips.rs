@@ -40,7 +40,7 @@ impl Epsilon {
 pub(crate) enum InputRange {
     /// −1..1, as the network expects.
     Signed,
-    /// Pictures in 0..1.
+    /// 0..1, unchanged.
     Unit,
     /// −1..1, passed to the network without its own normalisation: LPIPS v0.0.
     Raw,
@@ -62,7 +62,7 @@ impl InputRange {
     }
 }
 
-/// A distance and its terms.
+/// An LPIPS distance, split into the terms of its layers.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Distance {
     /// The term of each tapped layer; their sum is the distance.
@@ -71,8 +71,8 @@ pub(crate) struct Distance {
     pub(crate) maps: Vec<TapMap>,
 }
 
-/// For each tap of VGG16, the number of positions by which the convolutions since the preceding tap reach out on each
-/// side: half the side of their receptive field, rounded down.
+/// For each tap of VGG16, the number of positions on each side that the convolutions since the
+/// preceding tap depend on: half the side of their receptive field, rounded down.
 const VGG_REACH: [usize; 5] = [2, 2, 3, 3, 3];
 
 impl Distance {
@@ -198,7 +198,8 @@ fn squared_lengths_body(row: &[f32], channels: usize, out: &mut [f64]) {
     }
 }
 
-/// Squared length of a feature vector, given in blocks of 8 channels; the taps of every network have a multiple of 64.
+/// Squared length of a feature vector, given in blocks of 8 channels; the number of channels at
+/// every tap is a multiple of 64.
 #[inline(always)]
 fn squared_length(vector: &[[f32; 8]]) -> f64 {
     let mut sum = [0.0_f64; 8];

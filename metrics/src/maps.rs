@@ -8,8 +8,8 @@ use rayon::prelude::*;
 pub struct ScoreMap {
     /// Local values of the metric, one per pixel.
     pub values: ImageBuffer<Luma<f32>, Vec<f32>>,
-    /// The first value belongs to the pixel in this column and row of the picture. 0 if the map covers the whole
-    /// picture; more if the metric has no values near the border.
+    /// Column and row of the picture's pixel to which the first value belongs: 0 if the map covers
+    /// the whole picture, larger if the metric has no values near the border.
     pub origin: u32,
 }
 

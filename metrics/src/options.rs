@@ -109,7 +109,7 @@ impl Device {
         }
     }
 
-    /// True if this build supports the device, whether or not it is present.
+    /// True if this build supports the device, even if the machine does not have it.
     pub fn is_built(self) -> bool {
         match self {
             Self::Cpu => true,

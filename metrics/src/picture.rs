@@ -32,7 +32,7 @@ pub enum PictureError {
         x: u32,
         /// Row of the first pixel that is not finite.
         y: u32,
-        /// 0 red, 1 green, 2 blue.
+        /// Channel of the pixel: 0 red, 1 green, 2 blue.
         channel: usize,
     },
     #[error(
@@ -45,7 +45,7 @@ pub enum PictureError {
         x: u32,
         /// Row of the first pixel out of range.
         y: u32,
-        /// 0 red, 1 green, 2 blue.
+        /// Channel of the pixel: 0 red, 1 green, 2 blue.
         channel: usize,
     },
 }
@@ -70,8 +70,8 @@ impl Picture {
         }
     }
 
-    /// Crops to a box (left, top, right, bottom) and replaces pixels where the mask is false with those of `other`.
-    /// Both pictures and the mask must have the same size.
+    /// Crops to a box (left, top, right, bottom) and replaces pixels where the mask is false with
+    /// the pixels of `other`. Both pictures and the mask must have the same size.
     pub(crate) fn pasted(&self, other: &Self, mask: &Mask, [l, t, r, b]: [u32; 4]) -> Self {
         let inside = |x: u32, y: u32| mask.row((y + t) as usize)[(x + l) as usize];
         match (self, other) {
@@ -153,12 +153,12 @@ impl Picture {
 pub(crate) struct Normalization {
     factor: [f64; 3],
     offset: [f64; 3],
-    /// Result for every 8-bit level.
+    /// Normalised value of every 8-bit level, per channel.
     levels: [[f32; 3]; 256],
 }
 
 impl Normalization {
-    /// `((stretch × value + start) − mean) / deviation` for each channel.
+    /// Normalises by `((stretch × value + start) − mean) / deviation` for each channel.
     pub(crate) fn new(stretch: f64, start: f64, mean: [f32; 3], deviation: [f32; 3]) -> Self {
         let factor = deviation.map(|deviation| stretch / f64::from(deviation));
         let offset =
@@ -244,7 +244,7 @@ impl Mask {
         &self.inside
     }
 
-    /// Number of pixels inside.
+    /// Number of pixels inside the mask.
     pub fn count(&self) -> usize {
         self.inside.iter().filter(|&&inside| inside).count()
     }
@@ -278,7 +278,8 @@ impl Mask {
         }
     }
 
-    /// Half the size, rounded down. A pixel is inside if all four of its source pixels are.
+    /// Reduces the mask to half its size, rounded down. A pixel is inside if all four of its source
+    /// pixels are inside.
     pub(crate) fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let rows = (0..height as usize).flat_map(|y| {
@@ -294,8 +295,8 @@ impl Mask {
         }
     }
 
-    /// Left, top, right and bottom (the last two exclusive) of the bounding box of the pixels inside; `None` if there
-    /// are none.
+    /// Left, top, right and bottom (the last two exclusive) of the bounding box of the pixels
+    /// inside; `None` if no pixel is inside.
     pub(crate) fn bounds(&self) -> Option<[u32; 4]> {
         let rows = (0..self.height).filter(|&y| self.row(y as usize).contains(&true));
         let (top, bottom) = (rows.clone().min()?, rows.max()? + 1);

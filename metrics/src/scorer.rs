@@ -13,8 +13,8 @@ use crate::unavailable::{ScoreError, Unavailable};
 use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed};
 use crate::{dists::Similarity, lpips::Distance, psnr, ssim};
 
-/// Computes a selection of metrics. A prediction's scores depend on nothing but the prediction, its
-/// target and the mask.
+/// Computes a selection of metrics. A prediction's scores depend only on the prediction, its target
+/// and the mask.
 #[derive(Debug)]
 pub struct Scorer {
     keys: Vec<MetricKey>,
@@ -25,16 +25,17 @@ pub struct Scorer {
 /// Contribution of each layer to the value of a learned metric.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Terms {
-    /// The value of LPIPS is the sum of these, one per layer.
+    /// Terms of LPIPS, one per layer; their sum is the value.
     Lpips {
         /// Mean weighted distance of each layer.
         layers: Vec<f64>,
     },
-    /// The value of DISTS is 1 minus the sum of these, one each for the picture and five layers.
+    /// Terms of DISTS, for the picture itself and five layers; the value is 1 minus the sum of all
+    /// terms.
     Dists {
-        /// Weighted similarity of means.
+        /// Weighted similarity of means, for the picture and each layer.
         structure: [f64; 6],
-        /// Weighted similarity of covariances.
+        /// Weighted similarity of covariances, for the picture and each layer.
         texture: [f64; 6],
     },
 }
@@ -95,8 +96,9 @@ impl Scorer {
         }
     }
 
-    /// LPIPS of version 0.0, which has no key; used to find out how a given number was computed. The pictures must have
-    /// the same size. `None` if no selected metric uses that network, or its weights are missing.
+    /// LPIPS of version 0.0, which has no key; used to find out how a published number was
+    /// computed. The pictures must have the same size. `None` if no selected metric uses the
+    /// network `net`, or the network's weights are missing.
     ///
     /// # Errors
     /// [`Unavailable`] if these pictures have no value.
@@ -131,8 +133,8 @@ impl Scorer {
         &self.engines.used
     }
 
-    /// The metrics that cannot be computed for any picture because the weights of their network are missing, each with
-    /// that network.
+    /// The metrics that cannot be computed for any picture because the weights of their network are
+    /// missing, each with the network.
     pub fn missing_weights(&self) -> impl Iterator<Item = (MetricKey, Backbone)> + '_ {
         let used = |backbone| self.weights().iter().any(|used| used.backbone == backbone);
         let needed = self.keys.iter();
@@ -155,8 +157,9 @@ impl Scorer {
         self.score_all(target, &[prediction], mask).swap_remove(0)
     }
 
-    /// Scores several predictions of one target, in order. The networks process the target once: k predictions take k +
-    /// 1 passes of each network instead of 2 k. Every score is bit-identical to that of [`score`](Self::score).
+    /// Scores several predictions of one target, in order. The networks process the target once: k
+    /// predictions take k + 1 passes of each network instead of 2 k. Every score is bit-identical
+    /// to the result of [`score`](Self::score).
     ///
     /// A prediction that cannot be compared gives an error of its own and does not affect the other scores; a target or
     /// mask that cannot be used gives an error for all. Memory grows with the number of predictions; see
@@ -191,15 +194,17 @@ impl Scorer {
         results
     }
 
-    /// Approximate memory in bytes that [`score_all`](Self::score_all) uses for predictions of a
-    /// size: the rows that the networks buffer for each picture, and the local distances of masked
-    /// metrics. The pictures, the networks' weights and device memory are not included.
+    /// Approximate memory in bytes that [`score_all`](Self::score_all) uses for `predictions`
+    /// predictions of the given size: the rows that the networks buffer for each picture, and the
+    /// local distances of masked metrics. The pictures, the networks' weights and device memory are
+    /// not included.
     pub fn memory_bytes(&self, size: (u32, u32), predictions: usize) -> u64 {
         self.engines.memory(size, predictions, &self.keys) as u64
     }
 
-    /// [`score`](Self::score), with the terms of LPIPS and DISTS and, if requested, the maps of
-    /// SSIM and LPIPS, at no extra cost. Terms and maps cover the whole picture.
+    /// Like [`score`](Self::score), but also returns the terms of LPIPS and DISTS and, if
+    /// `with_maps`, the maps of SSIM and LPIPS, at no extra cost. Terms and maps cover the whole
+    /// picture.
     ///
     /// # Errors
     /// As for [`score`](Self::score).

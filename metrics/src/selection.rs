@@ -94,8 +94,8 @@ impl Selection {
             .any(|entry| entry.key == key && entry.explicit)
     }
 
-    /// Returns this selection with each metric over the whole picture followed by its variant for `region`, if there is
-    /// one.
+    /// Returns this selection with each metric over the whole picture followed by the same metric
+    /// in `region`, where that is defined.
     #[must_use]
     pub fn with_region(&self, region: MetricRegion) -> Self {
         let mut selection = Self { entries: vec![] };

@@ -21,7 +21,7 @@ pub enum Unavailable {
         /// Minimum side in pixels.
         smallest: u32,
     },
-    /// The key requires a view-frustum mask, but there is none.
+    /// The key requires a view-frustum mask, but the pair has none.
     #[error("needs the view-frustum mask of the pair, which requires the target's depth")]
     NoFrustumMask,
     /// The key requires a mask from the caller, but none was given.
@@ -30,7 +30,7 @@ pub enum Unavailable {
     /// The mask contains no pixel for which the metric has a value.
     #[error("the mask leaves no pixel to score")]
     EmptyMask,
-    /// The target is a virtual view.
+    /// The target is a virtual view, which has no photograph.
     #[error("the target is only a camera, without a photograph to compare with")]
     NoPhotograph,
     /// Both pictures are constant, but the variant derives the data range from them.

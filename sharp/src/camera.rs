@@ -107,8 +107,8 @@ impl Intrinsics {
         ])
     }
 
-    /// Projects a camera-space point (metres) to pixels; `None` if its z is not positive, i.e. the camera cannot see
-    /// it.
+    /// Projects a camera-space point (metres) to pixels; `None` if z is not positive, i.e. the
+    /// point is not in front of the camera.
     #[inline]
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         (point.z > 0.0).then(|| {
@@ -168,7 +168,7 @@ impl Intrinsics {
 /// Name values by the spaces they join, as in `camera_from_world`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigidTransform {
-    /// Orthonormal, determinant +1.
+    /// Rotation matrix: orthonormal, determinant +1.
     pub rotation: DMat3,
     /// Translation in metres, in the destination space.
     pub translation: DVec3,
@@ -185,11 +185,7 @@ impl RigidTransform {
     /// scaled matrix deviates by far more.
     pub const ORTHONORMALITY_TOLERANCE: f64 = 1e-2;
 
-    /// Creates a pose from a 3×3 matrix that is approximately a rotation, by projecting it onto the nearest one.
-    ///
-    /// # Errors
-    /// [`CameraError::NotFinite`] for values that are not finite; [`CameraError::NotRigid`] if the matrix deviates from
-    /// orthonormal by more than [`Self::ORTHONORMALITY_TOLERANCE`] or mirrors space.
+    /// onto the nearest one => onto the nearest rotation
     pub fn new(rotation: DMat3, translation: DVec3) -> Result<Self, CameraError> {
         if !rotation.is_finite() || !translation.is_finite() {
             return Err(CameraError::NotFinite { what: "pose" });
@@ -289,9 +285,10 @@ pub fn baseline_m(a_from_world: &RigidTransform, b_from_world: &RigidTransform) 
         .distance(b_from_world.camera_center())
 }
 
-/// Affine map from a source photograph's normalised space directly to the target's camera space: `E_t E_s⁻¹ K_s⁻¹` of
-/// the paper's `P = K_t E_t E_s⁻¹ K_s⁻¹` (K_s is [`Intrinsics::ndc_from_camera`]). Applied to Gaussians
-/// predicted from the source, it needs no SVD and loses no precision.
+/// Affine map from a source photograph's normalised space directly to the target's camera space:
+/// `E_t E_s⁻¹ K_s⁻¹` of the paper's `P = K_t E_t E_s⁻¹ K_s⁻¹` (K_s is
+/// [`Intrinsics::ndc_from_camera`]). Applied to Gaussians predicted from the source, the map needs
+/// no SVD and loses no precision.
 pub fn target_camera_from_source_ndc(
     source: &Intrinsics,
     target_from_source: &RigidTransform,
@@ -310,7 +307,8 @@ fn deviation_from_identity(m: DMat3) -> f64 {
         .fold(0.0, |largest, v| v.abs().max(largest))
 }
 
-/// Orthogonal polar factor by Newton's iteration; it converges quadratically, so a few steps reach f64 precision.
+/// Orthogonal polar factor of `m` by Newton's iteration, which converges quadratically, so that a
+/// few steps reach f64 precision.
 fn nearest_rotation(m: DMat3) -> DMat3 {
     let mut r = m;
     for _ in 0..12 {

@@ -1,7 +1,7 @@
 //! sRGB ↔ linear light (IEC 61966-2-1, computed as in the SHARP release) and 8-bit quantisation.
 
-/// Linear light of an sRGB-encoded value: `x / 12.92` up to 0.04045, else `((x + 0.055) / 1.055)^2.4`.
-/// Values outside 0..1 follow the same two branches.
+/// Linear light of an sRGB-encoded value: `x / 12.92` up to 0.04045, else `((x + 0.055) /
+/// 1.055)^2.4`. Both branches extend to values outside 0..1.
 pub fn linear_from_srgb(x: f32) -> f32 {
     if x <= 0.040_45 {
         x / 12.92
@@ -20,8 +20,8 @@ pub(crate) fn linear_from_srgb_slope(x: f64) -> f64 {
     }
 }
 
-/// sRGB encoding of linear light: `12.92 x` up to 0.0031308, else `1.055 x^(1/2.4) − 0.055`.
-/// Values outside 0..1 follow the same two branches.
+/// sRGB encoding of linear light: `12.92 x` up to 0.0031308, else `1.055 x^(1/2.4) − 0.055`. Both
+/// branches extend to values outside 0..1.
 pub fn srgb_from_linear(x: f32) -> f32 {
     if x <= 0.003_130_8 {
         12.92 * x

@@ -14,8 +14,8 @@ use crate::color::linear_from_srgb;
 use crate::gaussians::{Gaussians, Harmonics};
 use crate::initializer::BaseGaussians;
 
-/// Factor of the deltas of x and y. This and the other factors are the release's; deltas without a constant here have
-/// the factor 1.
+/// Factor of the deltas of x and y. All factors are the release's; deltas without a constant here
+/// have the factor 1.
 const XY_FACTOR: f32 = 1e-3;
 /// Factor of the delta of inverse depth.
 const INVERSE_DEPTH_FACTOR: f32 = 1e-3;
@@ -34,7 +34,7 @@ pub const ATTRIBUTES: usize = 14;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{found} deltas instead of {expected}, {ATTRIBUTES} for each base Gaussian")]
 pub struct DeltaLength {
-    /// `ATTRIBUTES · layers · rows · columns`.
+    /// Expected number of deltas, `ATTRIBUTES · layers · rows · columns`.
     pub expected: usize,
     pub found: usize,
 }
@@ -123,7 +123,7 @@ fn logit(p: f64) -> f64 {
 }
 
 fn softplus(x: f64) -> f64 {
-    // The release defines the function as the identity above 20.
+    // The release defines softplus as the identity above 20.
     if x > 20.0 { x } else { x.exp().ln_1p() }
 }
 

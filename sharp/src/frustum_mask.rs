@@ -44,8 +44,8 @@ impl Default for FrustumMaskOptions {
 /// Unprojects every pixel of the `target` camera with its `depth`, projects the point into the
 /// `source`, and keeps the pixel if |x| and |y| are within the margin.
 ///
-/// The paper's formula also accepts points behind the source camera. Here they are outside (z > 0
-/// is required), and so are pixels without valid depth. Occlusion is not tested.
+/// The paper's formula also accepts points behind the source camera. Here, these points and pixels
+/// without valid depth are outside the mask (z > 0 is required). Occlusion is not tested.
 pub fn frustum_mask(
     depth: &DepthMap,
     target: &Intrinsics,
@@ -59,8 +59,9 @@ pub fn frustum_mask(
     warp.mask(depth, options.infinite_depth, |p| p.z > 0.0 && within(p))
 }
 
-/// Mask of the pixels whose centre projects to 0 ≤ u < width and 0 ≤ v < height in the source, with u and v measured
-/// from the centre of the source's first pixel. This is the mask of UniSHARP's evaluation.
+/// Mask of the pixels whose centre projects to 0 ≤ u < width and 0 ≤ v < height in the source, with
+/// u and v measured from the centre of the source's first pixel. UniSHARP's evaluation uses this
+/// mask.
 pub fn source_bounds_mask(
     depth: &DepthMap,
     target: &Intrinsics,
@@ -89,7 +90,7 @@ impl Warp {
         }
     }
 
-    /// 1 for pixels whose projection satisfies `inside`.
+    /// Mask that is 1 for pixels whose projection satisfies `inside`, and 0 for all others.
     fn mask(
         &self,
         depth: &DepthMap,

@@ -50,10 +50,10 @@ impl Harmonics {
     }
 }
 
-/// N Gaussians as one array per attribute; index k is the same Gaussian in each.
+/// N Gaussians as one array per attribute; index k is the same Gaussian in every array.
 ///
-/// The space of means and scales depends on the producer: SHARP's normalised space after the composer, metric camera
-/// space after unprojection.
+/// The space of means and scales depends on the producer: SHARP's normalised space after the
+/// composer, metric camera space after unprojection.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Gaussians {
     /// Centres `[N, 3]`.
@@ -94,7 +94,7 @@ impl Gaussians {
         Ok(new)
     }
 
-    /// Like the check of [`Self::new`], for containers built field by field.
+    /// Checks that all attributes have the same length, for containers built field by field.
     ///
     /// # Errors
     /// [`LengthMismatch`] with every length.
@@ -133,7 +133,8 @@ impl Gaussians {
         self.means.is_empty()
     }
 
-    /// True if every attribute of Gaussian `k` is finite. The renderer drops all others.
+    /// True if every attribute of Gaussian `k` is finite. The renderer drops Gaussians that are
+    /// not.
     ///
     /// # Panics
     /// If `k` is not below [`Self::len`].
@@ -156,7 +157,7 @@ impl Gaussians {
             let [qw, qx, qy, qz] = *quaternion;
             *quaternion = [qw, qx * y * z, qy * x * z, qz * x * y];
         }
-        // Each harmonic is odd or even in each axis. Listed by index, from 1.
+        // Signs of the harmonics after the flip, one row per degree, by index from 1.
         let parity = [
             [y, z, x].as_slice(),
             &[x * y, y * z, 1.0, x * z, 1.0],

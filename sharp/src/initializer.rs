@@ -1,8 +1,8 @@
 //! Base Gaussians from an image and its depth layers, before any learned refinement.
 //!
-//! Depth is normalised so that its nearest point is at 1, and clamped to 100. Every block of `stride × stride` pixels
-//! of every layer becomes one Gaussian at the block's nearest depth. The network refines these; the `depth-splat`
-//! method renders them unchanged.
+//! Depth is normalised so that its nearest point is at 1, and clamped to 100. Every block of
+//! `stride × stride` pixels of every layer becomes one Gaussian at the block's nearest depth. The
+//! network refines these Gaussians; the `depth-splat` method renders them unchanged.
 
 #[cfg(feature = "render")]
 mod backward;
@@ -16,7 +16,7 @@ pub const MAX_NORMALIZED_DEPTH: f32 = 100.0;
 /// Errors of building base Gaussians.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InitializerError {
-    /// A slice does not have the length required by its shape.
+    /// A slice does not have the length that its shape requires.
     #[error("{what} has {found} values instead of {expected}")]
     Length {
         what: &'static str,
@@ -74,8 +74,8 @@ impl Grid {
         self.columns() * self.rows()
     }
 
-    /// Standard deviation of a Gaussian at depth 1. Depends only on the picture's width, even if it
-    /// is not square.
+    /// Standard deviation of a Gaussian at depth 1. Depends only on the picture's width, even if
+    /// the picture is not square.
     fn size_at_unit_depth(&self) -> f32 {
         2.0 * self.stride as f32 / self.width as f32
     }
@@ -125,14 +125,14 @@ fn check_length(
 /// Treatment of depth values that are NaN, infinite, zero or negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InvalidDepth {
-    /// Such values are an error: predictors never produce them.
+    /// Invalid values are an error: predictors never produce them.
     Refuse,
     /// For measured depth, which has holes: minimum and pooling use valid pixels only, and blocks
     /// without a valid pixel are omitted.
     Skip,
 }
 
-/// Depth scaled so that its nearest valid value over all layers is 1.
+/// Depth scaled so that the nearest valid value over all layers is 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NormalizedDepth {
     /// `min(depth · factor, 100)`, `[layers, height, width]`; 0 for invalid depth.

@@ -16,7 +16,7 @@ impl SplitMix64 {
         mix(self.state)
     }
 
-    /// Uniform in `low..high`.
+    /// A uniform random number in `low..high`.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * unit(self.next_u64())
     }

@@ -59,7 +59,7 @@ pub fn bilinear_align_corners(
 
 /// Bilinear resize by pixel centres and without antialiasing, as Depth Pro applies it to photographs and depth.
 ///
-/// Shapes and panics as for [`bilinear_align_corners`].
+/// Shapes and panics are as for [`bilinear_align_corners`].
 pub fn bilinear_half_pixel(
     planes: &[f32],
     size: (usize, usize),
@@ -96,8 +96,9 @@ fn bilinear(
     out
 }
 
-/// Nearest resize of one plane `[height, width]`: each output pixel takes the source pixel that contains its centre,
-/// `floor((dst + ½) · in / out)` in integers. Used for depth, because the mean of two depths lies on neither surface.
+/// Nearest resize of one plane `[height, width]`: each output pixel takes the value of the source
+/// pixel that contains its centre, `floor((dst + ½) · in / out)` in integers. Used for depth,
+/// because the mean of two depths lies on neither surface.
 ///
 /// # Panics
 /// If the length of `plane` is not `height × width`, or either side is 0.

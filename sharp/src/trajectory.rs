@@ -8,7 +8,8 @@ use crate::gaussians::Gaussians;
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::TAU;
 
-/// The release's paths. Both ends are included, so that the last frame of a closed path equals the first.
+/// The release's paths. Each path includes both ends, so that the last frame of a closed path
+/// equals the first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrajectoryKind {
     /// Sideways along a sine, forward and back along half a cosine. The release's default.
@@ -17,7 +18,7 @@ pub enum TrajectoryKind {
     Rotate,
     /// From left to right along a line.
     Swipe,
-    /// Left and right in the first half, up and down in the second.
+    /// Moves left and right in the first half of the path, up and down in the second.
     Shake,
 }
 
@@ -53,11 +54,11 @@ pub struct Trajectory {
 /// Depth range of a scene: quantiles of the z of all centres or pixels in front of the camera, in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthRange {
-    /// The 0.001 quantile.
+    /// The 0.001 quantile of z, in metres.
     pub near: f64,
     /// The 0.1 quantile, at least 2 m; the distance of the point around which the camera turns.
     pub focus: f64,
-    /// The 0.999 quantile.
+    /// The 0.999 quantile of z, in metres.
     pub far: f64,
 }
 
@@ -80,7 +81,7 @@ impl DepthRange {
         Self::of_depths(scene.means.iter().map(z))
     }
 
-    /// Measures z values in metres; `None` if none is finite and above 0.
+    /// Measures z values in metres; `None` if no value is finite and above 0.
     pub fn of_depths(depths: impl IntoIterator<Item = f32>) -> Option<Self> {
         let depths = depths.into_iter();
         let mut depths: Vec<f32> = depths.filter(|z| *z > 0.0 && z.is_finite()).collect();
@@ -137,7 +138,8 @@ impl Trajectory {
             .collect()
     }
 
-    /// The pose of each frame: from the camera space of the photograph to that of the moved camera.
+    /// The pose of each frame: from the camera space of the photograph to the camera space of the
+    /// frame.
     pub fn poses(&self, camera: &Intrinsics, depth: &DepthRange) -> Vec<RigidTransform> {
         let focus = DVec3::new(0.0, 0.0, depth.focus);
         self.eyes(camera, depth)

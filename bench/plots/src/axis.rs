@@ -50,7 +50,8 @@ impl PlotAxis {
         }
     }
 
-    /// An axis over all finite values, extended at either end by `room` times their range; 0 to 1 if there are none.
+    /// An axis over all finite values, extended at either end by `room` times their range; 0 to 1
+    /// without finite values.
     pub fn around(label: &str, values: impl IntoIterator<Item = f64>, room: f64) -> Self {
         let (low, high) = finite_range(values).unwrap_or((0.0, 1.0));
         let room = (high - low) * room;

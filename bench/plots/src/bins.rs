@@ -158,11 +158,11 @@ pub struct Bin {
     pub number: i64,
     pub low: f64,
     pub high: f64,
-    /// Mean position of the samples; the bin is drawn there.
+    /// Mean position of the samples, at which the bin is drawn.
     pub x: f64,
     /// Indices of the samples.
     pub members: Vec<usize>,
-    /// Mean of the samples' values; infinite if any value is.
+    /// Mean of the samples' values; infinite if any value is infinite.
     pub mean: f64,
     /// Sample standard deviation (divisor n − 1); `None` for a single sample or if a value is infinite.
     pub std: Option<f64>,
@@ -199,7 +199,7 @@ pub fn bins(samples: &[(f64, f64)], cuts: &Cuts) -> Vec<Bin> {
                 number,
                 low,
                 high,
-                // Clamp, because rounding could move the mean out of its bin.
+                // Clamp, because rounding could move the mean out of the bin.
                 x: mean(&of(|sample| sample.0))?.clamp(low, high),
                 mean: mean(&values)?,
                 std: sample_std(&values),

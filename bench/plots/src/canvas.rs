@@ -112,8 +112,8 @@ impl Surface {
         }
     }
 
-    /// Adds a picture with its upper left corner at `at`, stretched to `size` units. SVG and PDF embed it at its own
-    /// resolution; in SVG, pictures lie below everything else.
+    /// Adds a picture with its upper left corner at `at`, stretched to `size` units. SVG and PDF
+    /// embed the picture at its own resolution; in SVG, pictures lie below everything else.
     pub fn picture(&mut self, picture: RgbImage, at: Point, size: Point) {
         self.0.push(Shape::Picture(picture, at, size));
     }

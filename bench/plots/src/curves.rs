@@ -20,7 +20,7 @@ impl Banded {
         Self { bin, band }
     }
 
-    /// Clamps the band to the metric's smallest possible value, if there is one.
+    /// Clamps the band to the metric's smallest possible value `least`, if the metric has one.
     #[must_use]
     pub fn from(mut self, least: Option<f64>) -> Self {
         if let (Some((low, _)), Some(least)) = (&mut self.band, least) {

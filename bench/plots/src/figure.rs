@@ -1,7 +1,8 @@
 //! The three output files of a drawing: SVG, PNG and PDF.
 //!
-//! plotters draws on whole pixels. Therefore the SVG is drawn at four times its size, and its view box scales it back.
-//! The PNG is drawn at twice its size and reduced, which also antialiases it. The PDF is exact.
+//! plotters draws on whole pixels. Therefore, the SVG is drawn at four times its size and scaled
+//! back by its view box, and the PNG is drawn at twice its size and reduced, which also antialiases
+//! it. The PDF is exact.
 
 use std::fmt::{Display, Write as _};
 
@@ -34,7 +35,7 @@ const PLOTTERS_FONT_FACTOR: f64 = 1.24;
 /// A drawing in all output formats.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Figure {
-    /// Alternative text.
+    /// Title of the figure, used as alternative text.
     pub title: String,
     /// A complete SVG document.
     pub svg: String,
@@ -44,7 +45,8 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// Renders the shapes that `picture` draws in each format; the size is in units.
+    /// Renders, in all three formats, the shapes that `picture` draws; width and height are in
+    /// units.
     ///
     /// # Errors
     /// If the drawing library or an encoder fails.
@@ -73,7 +75,7 @@ pub struct Drawing<'a> {
 }
 
 impl<'a> Drawing<'a> {
-    /// The shapes that `picture` draws; the size is in units.
+    /// Collects the shapes that `picture` draws; width and height are in units.
     pub fn new(
         title: &'a str,
         (width, height): (u32, u32),
@@ -139,7 +141,7 @@ impl<'a> Drawing<'a> {
     /// A PNG file.
     ///
     /// # Errors
-    /// If it would be too large, or the drawing library or the encoder fails.
+    /// If the picture would be too large, or the drawing library or the encoder fails.
     pub fn png(&self) -> Result<Vec<u8>, PlotError> {
         let density = self.medium.zoom * self.medium.dpi / 96.0;
         let size = self.pixels(density * DRAWN_PER_PIXEL);
@@ -196,8 +198,9 @@ fn escaped(c: char) -> String {
     }
 }
 
-/// Draws on a plotters backend at `scale` pixels per unit. `letters` draws a text at its baseline; `pictures` draws a
-/// picture at its upper left corner. Sizes passed to them are in pixels.
+/// Draws on a plotters backend at `scale` pixels per unit. `letters` draws a text at its baseline;
+/// `pictures` draws a picture at its upper left corner. Sizes passed to both functions are in
+/// pixels.
 fn paint<B: DrawingBackend>(
     mut backend: B,
     scale: f64,
@@ -205,7 +208,7 @@ fn paint<B: DrawingBackend>(
     letters: impl Fn(&mut B, &str, (i32, i32), Lettering) -> Result<(), String>,
     pictures: impl Fn(&mut B, &RgbImage, (i32, i32), (u32, u32)) -> Result<(), String>,
 ) -> Result<(), String> {
-    // Clamp, so that points far outside stay outside.
+    // Clamp the values, so that points far outside the picture stay outside.
     let drawn = |length: f64| (length * scale).round().clamp(-1e6, 1e6) as i32;
     let place = |(x, y): &Point| (drawn(*x), drawn(*y));
     let filled = |ink: &Ink| ShapeStyle::from(color(*ink)).filled();

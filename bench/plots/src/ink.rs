@@ -7,7 +7,7 @@ use image::Rgb;
 #[serde(try_from = "String")]
 pub struct Ink {
     pub rgb: (u8, u8, u8),
-    /// Opacity, 0..1.
+    /// Opacity, 0 to 1.
     pub alpha: f64,
 }
 
@@ -26,7 +26,7 @@ impl Ink {
         }
     }
 
-    /// `#RRGGBB`.
+    /// The colour as `#RRGGBB`, without the opacity.
     pub fn hex(self) -> String {
         let (r, g, b) = self.rgb;
         format!("#{r:02X}{g:02X}{b:02X}")
@@ -68,7 +68,7 @@ impl Ink {
 impl TryFrom<String> for Ink {
     type Error = String;
 
-    /// Parses `#RRGGBB`.
+    /// Parses a colour `#RRGGBB`.
     fn try_from(text: String) -> Result<Self, String> {
         let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6);
         let hex = digits.filter(|digits| digits.bytes().all(|c| c.is_ascii_hexdigit()));
@@ -81,22 +81,22 @@ impl TryFrom<String> for Ink {
 }
 
 impl From<Ink> for Rgb<u8> {
-    /// Drops the opacity.
+    /// Converts to a colour without opacity.
     fn from(ink: Ink) -> Self {
         let (r, g, b) = ink.rgb;
         Self([r, g, b])
     }
 }
 
-/// Text and axes.
+/// Colour of text and axes.
 pub const INK: Ink = Ink::opaque(0x1B, 0x1F, 0x24);
-/// Secondary text.
+/// Colour of secondary text.
 pub const MUTED: Ink = Ink::opaque(0x57, 0x60, 0x6A);
-/// Grid lines.
+/// Colour of grid lines.
 pub const GRID: Ink = Ink::opaque(0xE1, 0xE5, 0xEA);
-/// Bars of counts.
+/// Colour of the bars that show counts.
 pub const BARS: Ink = Ink::opaque(0xC9, 0xCF, 0xD6);
-/// Background.
+/// Colour of the background.
 pub const PAPER: Ink = Ink::opaque(0xFF, 0xFF, 0xFF);
 
 #[cfg(test)]

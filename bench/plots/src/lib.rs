@@ -21,8 +21,8 @@ pub mod text;
 
 pub use figure::{Drawing, Figure};
 
-/// Why a figure cannot be made: the drawing library or an encoder failed, there is nothing to draw, or there is no
-/// room.
+/// Error of making a figure: the drawing library or an encoder failed, there is nothing to draw, or
+/// there is no room.
 #[derive(Debug, thiserror::Error)]
 #[error("plot '{plot}': {reason}")]
 pub struct PlotError {

@@ -99,8 +99,8 @@ pub fn stroke(surface: &mut Surface, points: &[Point], width: f64, style: Style)
                 let point = |t: f64| (x0 + (x1 - x0) * t / length, y0 + (y1 - y0) * t / length);
                 surface.line(&[point(at), point(end)], width, style.ink);
             }
-            // Compares positions rather than the remaining length, because adding a tiny remainder to `at` may not
-            // change it, and the loop would never end.
+            // Compares positions rather than the remaining length, because adding a tiny remainder
+            // to `at` may leave `at` unchanged, and the loop would never end.
             if whole > length {
                 left = whole - length;
             } else {

@@ -40,7 +40,7 @@ const ROOM: f64 = 0.8;
 const PRINT_ROOM: f64 = 0.96;
 /// Preferred minimum panel width in print.
 const NARROWEST: f64 = 170.0;
-/// Minimum panel width; below it the numbers of an axis overlap.
+/// below it the numbers => below this width, the numbers
 const MIN_WIDTH: f64 = 130.0;
 /// Height of the strip of sample counts.
 const COUNT_STRIP: f64 = 30.0;
@@ -108,7 +108,7 @@ impl PanelFrame {
 pub struct BinCount {
     pub low: f64,
     pub high: f64,
-    /// Fewest and most samples of any curve; equal if the curves agree.
+    /// Smallest and largest number of samples of any curve; equal if the curves agree.
     pub n: (usize, usize),
 }
 
@@ -122,12 +122,12 @@ pub struct PlotArea {
     pub infinity: f64,
 }
 
-/// Draws the data of a panel.
+/// Function that draws the data of a panel.
 pub type DrawData<'a> = Box<dyn Fn(&mut Surface, &PlotArea) + 'a>;
 
 pub struct Panel<'a> {
     pub frame: PanelFrame,
-    /// `Err` is the reason why there are no data.
+    /// Draws the data of the panel; `Err` is the reason why there are no data.
     pub content: Result<DrawData<'a>, &'static str>,
 }
 
@@ -191,7 +191,7 @@ struct PanelLayout {
     bottom: f64,
     /// Share of the available room that text may fill.
     fill: f64,
-    /// Title above everything else; empty for none.
+    /// Title above everything else; empty for no title.
     title: String,
     legend: Vec<Vec<LegendEntry>>,
     caption: Vec<String>,
@@ -398,7 +398,7 @@ impl PanelLayout {
 }
 
 impl PlotArea {
-    /// Height of a value, including infinite ones.
+    /// Vertical position of a value, which may be infinite.
     pub fn height(&self, value: f64) -> f64 {
         if value.is_infinite() {
             self.infinity

@@ -47,7 +47,7 @@ pub(super) fn render(
 struct Page {
     /// Operators of the page.
     content: Content,
-    /// Opacities in thousandths.
+    /// Opacities in use, in thousandths.
     alphas: BTreeSet<u32>,
     pictures: Vec<RgbImage>,
 }
@@ -153,7 +153,7 @@ impl Page {
         }
     }
 
-    /// Assembles the file.
+    /// Assembles the PDF file.
     fn finish(self, title: &str, [width, height]: [f32; 2]) -> io::Result<Vec<u8>> {
         let [catalog, pages, page, info, drawing] = [1, 2, 3, 4, 5].map(Ref::new);
         let packed = packed(&self.content.finish())?;

@@ -40,7 +40,7 @@ impl Step {
         (plain && exponent >= -22).then_some(Self { mantissa, exponent })
     }
 
-    /// The k-th multiple.
+    /// The k-th multiple of the step.
     pub fn at(self, k: i64) -> f64 {
         let multiple = self.mantissa as f64 * k as f64;
         if self.exponent < 0 {
@@ -64,17 +64,17 @@ impl Step {
         k
     }
 
-    /// Number of decimals that multiples need.
+    /// Number of decimals that multiples of the step need.
     pub fn decimals(self) -> usize {
         usize::try_from(-self.exponent).unwrap_or(0)
     }
 
-    /// The k-th multiple as text.
+    /// The k-th multiple of the step as text.
     pub fn text(self, k: i64) -> String {
         shown(self.at(k), self.decimals())
     }
 
-    /// Multiples within `low..=high`, at most a thousand.
+    /// The k of all multiples of the step within `low..=high`, at most a thousand.
     pub fn within(self, low: f64, high: f64) -> Vec<i64> {
         let first = -self.index(-low);
         let mut ticks: Vec<i64> = (first.saturating_sub(1)..first.saturating_add(1000))
@@ -85,7 +85,7 @@ impl Step {
     }
 }
 
-/// Smallest and largest finite value; `None` if there are none.
+/// Smallest and largest finite value; `None` if no value is finite.
 pub fn finite_range(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     let finite = values.into_iter().filter(|value| value.is_finite());
     finite.fold(None, |range, value| match range {
@@ -94,8 +94,8 @@ pub fn finite_range(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)>
     })
 }
 
-/// Powers of ten within `low..=high`, with their doubles and fives if there are fewer than three.
-/// Empty unless `0 < low < high < ∞`.
+/// Powers of ten within `low..=high`, with 2 and 5 times these powers if there are fewer than
+/// three. Empty unless `0 < low < high < ∞`.
 pub fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     if !(low > 0.0 && high > low && high.is_finite()) {
         return Vec::new();
@@ -133,21 +133,21 @@ pub fn shown(value: f64, decimals: usize) -> String {
     }
 }
 
-/// A linear map from data to pixels.
+/// A linear map from data values to pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// Data value at `from`.
+    /// Data value that is drawn at pixel `from`.
     pub low: f64,
-    /// Data value at `to`.
+    /// Data value that is drawn at pixel `to`.
     pub high: f64,
-    /// Pixel of `low`.
+    /// Pixel at which `low` is drawn.
     pub from: f64,
-    /// Pixel of `high`.
+    /// Pixel at which `high` is drawn.
     pub to: f64,
 }
 
 impl Scale {
-    /// Pixel of a value.
+    /// Pixel at which `value` is drawn.
     pub fn place(&self, value: f64) -> f64 {
         self.from + (value - self.low) / (self.high - self.low) * (self.to - self.from)
     }

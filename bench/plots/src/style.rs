@@ -32,7 +32,7 @@ impl Medium {
     };
 }
 
-/// Style of a printed figure. Every key of its file is optional.
+/// Style of a printed figure, read from a TOML file whose keys are all optional.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FigureStyle {

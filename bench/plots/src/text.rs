@@ -16,7 +16,7 @@ pub const CAP_HEIGHT: f64 = 0.727;
 static REGULAR: &[u8] = include_bytes!("../assets/Inter-Regular.otf");
 static SEMIBOLD: &[u8] = include_bytes!("../assets/Inter-SemiBold.otf");
 
-/// Regular, or semibold for titles.
+/// Font weight: regular, or semibold for titles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weight {
     Regular,
@@ -139,8 +139,8 @@ pub fn fitted(text: &str, size: f64, weight: Weight, room: f64) -> String {
 }
 
 /// Wraps a text into lines no wider than `room`. Words, and words joined by no-break spaces, are
-/// broken only if they do not fit on a line of their own. If not even one character fits, they stay
-/// whole.
+/// broken only if they do not fit on a line of their own. If not even one character fits on a line,
+/// words stay whole.
 pub fn wrapped(text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
     let fits = |text: &str| width(text, size, weight) <= room;
     let one_fits = |word: &str| word.chars().any(|c| fits(c.encode_utf8(&mut [0; 4])));

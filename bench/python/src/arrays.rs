@@ -9,7 +9,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use sharp_metrics::{Mask, Picture};
 
-/// A picture `[H, W, 3]`, contiguous: `uint8` levels or `float32` in 0..1.
+/// Converts a contiguous picture `[H, W, 3]`: `uint8` levels or `float32` in 0..1.
 pub(crate) fn picture(array: &Bound<'_, PyAny>) -> PyResult<Picture> {
     if let Ok(levels) = array.extract::<PyReadonlyArray3<'_, u8>>() {
         return Ok(Picture::Rgb8(interleaved::<Rgb<u8>>(&levels)?));
@@ -36,7 +36,7 @@ fn interleaved<P: Pixel<Subpixel: Element>>(
     ImageBuffer::from_raw(side(width)?, side(height)?, values).ok_or_else(wrong)
 }
 
-/// A mask `[H, W]` of bool.
+/// Converts a mask `[H, W]` of bool.
 pub(crate) fn mask(array: &PyReadonlyArray2<'_, bool>) -> PyResult<Mask> {
     let (height, width) = array.as_array().dim();
     let wrong = || PyValueError::new_err(format!("a mask of {height}×{width} is too large"));
@@ -45,7 +45,7 @@ pub(crate) fn mask(array: &PyReadonlyArray2<'_, bool>) -> PyResult<Mask> {
     Mask::new(side(width)?, side(height)?, values).ok_or_else(wrong)
 }
 
-/// `K` rows of `N` numbers each, `[K, N]`.
+/// Converts an array `[K, N]` to `K` rows of `N` numbers each; errors call it `name`.
 pub(crate) fn rows<const N: usize>(
     name: &str,
     array: &PyReadonlyArray2<'_, f32>,
@@ -63,7 +63,7 @@ pub(crate) fn rows<const N: usize>(
         .collect())
 }
 
-/// An array `[K, N]`.
+/// Converts rows to an array `[K, N]`.
 pub(crate) fn from_rows<'py, const N: usize>(
     py: Python<'py>,
     rows: &[[f32; N]],
@@ -71,7 +71,7 @@ pub(crate) fn from_rows<'py, const N: usize>(
     PyArray1::from_slice(py, rows.as_flattened()).reshape([rows.len(), N])
 }
 
-/// An array `[H, W, C]`, with `C = 1` for one channel.
+/// Converts interleaved values to an array `[H, W, C]`, with `C = 1` for one channel.
 pub(crate) fn from_values<'py, T: Element>(
     py: Python<'py>,
     values: Vec<T>,
@@ -82,7 +82,7 @@ pub(crate) fn from_values<'py, T: Element>(
     values.into_pyarray(py).reshape([height, width, channels])
 }
 
-/// An array `[H, W]`.
+/// Converts values to an array `[H, W]`.
 pub(crate) fn from_plane<'py, T: Element>(
     py: Python<'py>,
     values: Vec<T>,
@@ -93,13 +93,13 @@ pub(crate) fn from_plane<'py, T: Element>(
         .reshape([height as usize, width as usize])
 }
 
-/// An array `[H, W, 3]` of uint8.
+/// Converts a picture to an array `[H, W, 3]` of uint8.
 pub(crate) fn from_rgb8(py: Python<'_>, image: RgbImage) -> PyResult<Bound<'_, PyArray3<u8>>> {
     let size = image.dimensions();
     from_values(py, image.into_raw(), size)
 }
 
-/// An array `[H, W]` of float32, metres.
+/// Converts a depth map to an array `[H, W]` of float32, in metres.
 pub(crate) fn from_depth(
     py: Python<'_>,
     depth: ImageBuffer<Luma<f32>, Vec<f32>>,

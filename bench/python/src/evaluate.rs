@@ -284,7 +284,7 @@ pub(crate) struct Asked {
     shard: Option<String>,
     /// Path of a `run.toml`.
     config: Option<PathBuf>,
-    /// Keys of a `run.toml` as JSON; they override those of the file.
+    /// Keys of a `run.toml` as JSON; they override the keys in the file `config`.
     keys: String,
 }
 

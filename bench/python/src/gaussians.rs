@@ -30,7 +30,7 @@ use crate::views::Camera;
 #[derive(Clone)]
 pub(crate) struct Gaussians {
     pub(crate) core: Core,
-    /// Rendering rule, if not SHARP's.
+    /// Rendering rule; `None` for SHARP's.
     pub(crate) rule: Option<Rule>,
 }
 

@@ -17,7 +17,7 @@ pub(crate) struct Scorer {
     selection: Selection,
 }
 
-/// Scores, and reasons for missing scores, each with its key.
+/// Scores, then reasons for missing scores, each with the metric's key.
 type Scored = (Vec<(String, f64)>, Vec<(String, String)>);
 
 #[pymethods]

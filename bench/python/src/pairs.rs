@@ -28,7 +28,8 @@ impl Warnings {
     }
 }
 
-/// Locks a mutex, ignoring poisoning: no code that holds one panics in the middle of a change.
+/// Locks a mutex, ignoring poisoning: no code that holds a lock panics in the middle of a
+/// change.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -39,7 +40,7 @@ impl Observer for Warnings {
     }
 }
 
-/// The cache of measured overlaps.
+/// The user's cache of measured overlaps; `None` if there is no cache folder.
 pub(crate) fn cache() -> Option<OverlapCache> {
     OverlapCache::users_folder().map(OverlapCache::in_folder)
 }
@@ -78,7 +79,7 @@ pub(crate) fn pairs(
     Ok((table(&built.map_err(failed)?), warnings.take()))
 }
 
-/// The pair list with the columns of its file.
+/// A table of the pair list, with the columns of its CSV file.
 fn table(list: &PairList) -> Table {
     let all = || list.pairs.iter();
     let number = |of: fn(&Pair) -> Option<f64>| Column::Number(all().map(of).collect());

@@ -4,7 +4,7 @@ use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-/// The values of a column; unknown ones are null.
+/// The values of a column; unknown values are null.
 #[derive(Clone)]
 pub(crate) enum Column {
     Text(Vec<Option<String>>),

@@ -107,7 +107,7 @@ impl Camera {
     }
 }
 
-/// Any numeric array.
+/// A numeric NumPy array of two dimensions, converted to f64.
 type Matrix<'py> = PyArrayLike2<'py, f64, AllowTypeChange>;
 
 fn matrix<const N: usize>(name: &str, array: &Matrix<'_>) -> PyResult<[[f64; N]; N]> {
@@ -217,7 +217,7 @@ pub(crate) fn configs(specs: &[String]) -> Result<Vec<DatasetConfig>, PairError>
     specs.iter().map(|spec| spec.parse()).collect()
 }
 
-/// Opens datasets.
+/// Opens the datasets `specs`, with only the scenes that match `scenes` if given.
 #[pyfunction]
 #[pyo3(signature = (specs, scenes=None))]
 pub(crate) fn datasets(

@@ -21,8 +21,9 @@ use crate::pairs::PosedCamera;
 const SAMPLE: usize = 4096;
 /// Gaussians count as matched if their median distance, as computed by [`Pair::distance`], is below this many pixels.
 const SAME_PLACE: f64 = 2.0;
-/// How many times larger one number must be to count as clearly larger. Used to compare an attribute's median
-/// difference under two interpretations of the file, and the size of a common shift with its spread.
+/// Factor by which one number must exceed another to count as clearly larger. Used to compare an
+/// attribute's median difference under two interpretations of the file, and the size of a common
+/// shift with its spread.
 const MUCH_LESS: f64 = 10.0;
 /// Median differences of an attribute up to this, in per cent, count as agreement: no other interpretation is chosen.
 const NEGLIGIBLE: f64 = 0.1;
@@ -57,7 +58,7 @@ pub struct PortComparison {
     pub as_read: Vec<FieldDifference>,
     /// Changes to the given settings that explain most of the differences.
     pub settings: Vec<(&'static str, String)>,
-    /// Differences that remain after these changes; empty if there are none.
+    /// Differences that remain after the changes in `settings`; empty if there are no changes.
     pub with_settings: Vec<FieldDifference>,
 }
 
@@ -107,8 +108,9 @@ fn in_layer(i: usize, side: usize, map: impl Fn(usize, usize) -> (usize, usize))
     (layer * side + row) * side + column
 }
 
-/// Compares a port's Gaussians with the reference's. Both must have linear colours and be in the camera space of the
-/// photograph. `stored` is the form in which the port's file was read.
+/// Compares a port's Gaussians with the reference's. Both sets of Gaussians must have linear
+/// colours and be in the camera space of the photograph. `stored` is the form in which the port's
+/// file was read.
 pub fn compare(
     port: &Gaussians,
     stored: StoredForm,
@@ -186,10 +188,11 @@ struct Pair<'a> {
 impl Pair<'_> {
     /// Placement and order of the port's Gaussians, and the matched pairs of indices.
     ///
-    /// If both have equally many Gaussians, the known orders are tried, and the one with the smallest median distance
-    /// between matched Gaussians is taken. That distance must be below [`SAME_PLACE`]; it may be larger if opacities or
-    /// colours show that the order is the reference's. Otherwise, Gaussians are matched by position, with the placement
-    /// that gives the most matches.
+    /// If both have equally many Gaussians, the known orders are tried, and the order with the
+    /// smallest median distance between matched Gaussians is taken. This distance must be below
+    /// [`SAME_PLACE`], unless opacities or colours show that the order is the reference's.
+    /// Otherwise, Gaussians are matched by position, with the placement that gives the most
+    /// matches.
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {
@@ -291,8 +294,9 @@ impl Pair<'_> {
         medians[OPACITY] < NEGLIGIBLE || medians[COLOUR] < NEGLIGIBLE
     }
 
-    /// The shift, in pixels (right, down), that moves the port's Gaussians onto the reference's in the camera's
-    /// picture. A component is zero if it is too small or varies across the Gaussians.
+    /// The shift, in pixels (right, down), that moves the port's Gaussians onto the reference's in
+    /// the camera's picture. A component is zero if its value is too small or varies across the
+    /// Gaussians.
     fn shift(&self, placement: &Placement, matches: &[[u32; 2]]) -> [f64; 2] {
         let map = placement.camera_from_file(&self.camera);
         let focal = [self.camera.intrinsics.fx, self.camera.intrinsics.fy];
@@ -317,7 +321,7 @@ impl Pair<'_> {
         })
     }
 
-    /// The unit of the port's means in metres; `None` if it is a metre.
+    /// The unit of the port's means in metres; `None` if the unit is a metre.
     fn scale(&self, placement: &Placement, matches: &[[u32; 2]]) -> Option<f64> {
         let map = placement.camera_from_file(&self.camera);
         let ratio = median(spread(matches).map(|[i, j]| {
@@ -392,7 +396,7 @@ impl Pair<'_> {
     }
 }
 
-/// Distance in pixels and relative distance in depth; `None` if either is behind the camera.
+/// Distance in pixels and relative distance in depth; `None` if either point is behind the camera.
 fn apart(k: &Intrinsics, own: DVec3, other: DVec3) -> Option<[f64; 2]> {
     let seen = |p: DVec3| [k.fx * p.x / p.z, k.fy * p.y / p.z];
     let [[x, y], [u, v]] = [seen(own), seen(other)];
@@ -425,7 +429,8 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// The forms in which the numbers of attribute `field` may be stored; everything else is as in `current`.
+/// The forms in which the numbers of attribute `field` may be stored; other attributes are as in
+/// `current`.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {

@@ -30,7 +30,7 @@ impl MetricConfig {
         Ok(self.asked()?.unwrap_or_default())
     }
 
-    /// The requested metrics; `None` if none were requested.
+    /// The requested metrics; `None` if no metrics were requested.
     pub fn asked(&self) -> Result<Option<Selection>, ConfigError> {
         let parsed = self.metrics.as_ref().map(|list| {
             Selection::parse(list).map_err(|error| ConfigError::Selection {
@@ -51,8 +51,8 @@ impl MetricConfig {
         Ok(Scoring::with_options(selection, &weights, options)?)
     }
 
-    /// Like [`scoring`](Self::scoring), but fails at once if an explicitly named metric has no weights, instead of
-    /// leaving its column empty.
+    /// Like [`scoring`](Self::scoring), but fails at once if an explicitly named metric has no
+    /// weights, instead of leaving the metric's column empty.
     pub fn complete_scoring(&self, selection: &Selection) -> Result<Scoring, ConfigError> {
         let scoring = self.scoring_of(selection)?;
         demand_weights(selection, &scoring.scorer)?;

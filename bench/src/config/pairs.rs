@@ -36,7 +36,7 @@ pub struct OverlapConfig {
 }
 
 impl OverlapConfig {
-    /// The recipe with these `options` and the files that they need.
+    /// The recipe that builds a pair list from `options`, with the files that the options need.
     pub fn recipe(&self, options: &PairOptions) -> Result<PairRecipe, ConfigError> {
         let recipe = PairRecipe {
             options: options.clone(),

@@ -166,7 +166,7 @@ impl RunConfig {
         }
     }
 
-    /// The options, keyed by name; those left at their defaults are omitted.
+    /// The options, keyed by name; options left at their defaults are omitted.
     ///
     /// # Errors
     /// If a path is not Unicode.
@@ -232,7 +232,8 @@ impl RunConfig {
             if method.kind == "command" {
                 method.options.entry("cwd".to_owned()).or_default();
             }
-            // `files=` is not among these options, because it is relative to the program's working directory.
+            // `files=` is not among these options, because its path is relative to the program's
+            // working directory.
             for key in ["dir", "checkpoint", "config", "cwd", "transform", "train"] {
                 let value = method.options.get_mut(key);
                 let is_path = |value: &&mut String| match key {

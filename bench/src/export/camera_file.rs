@@ -8,7 +8,7 @@ use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 
 use crate::io::atomic_files::{FileError, write_atomic};
 
-/// A camera file; unknown keys, such as those of `cameras export`, are ignored.
+/// A camera file; unknown keys, such as the additional keys of `cameras export`, are ignored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraFile {
     pub width: u32,
@@ -66,7 +66,7 @@ impl CameraFile {
         ))
     }
 
-    /// The file contents for a camera; [`Self::read`] returns the same camera bit for bit.
+    /// The camera file's contents for a camera; [`Self::read`] returns exactly the same camera.
     pub fn of(intrinsics: &Intrinsics, camera_from_world: &DAffine3) -> Self {
         let row_major = DMat4::from(*camera_from_world).transpose();
         Self {

@@ -67,7 +67,7 @@ pub fn export(
     })
 }
 
-/// Exports one view. Returns false if it already existed.
+/// Exports one view. Returns false if the exported files already existed.
 fn export_view(
     scene: &Scene,
     view: &View,

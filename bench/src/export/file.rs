@@ -1,5 +1,5 @@
-//! Files of an export, which are written only if missing or outdated. A description file, written last, lists their
-//! hashes.
+//! Files of an export, which are written only if missing or outdated. A description file, written
+//! last, lists the hashes of the files.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,7 +14,7 @@ pub(super) type Hashes = BTreeMap<String, String>;
 /// The fields common to all descriptions; read back to check whether the files are complete.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Stamp {
-    /// Hash of everything the files depend on.
+    /// Hash of everything on which the files depend.
     pub(super) key: String,
     pub(super) files: Hashes,
 }

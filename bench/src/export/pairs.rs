@@ -1,8 +1,9 @@
 //! Exports the pairs of a list as folders: `OUT/<pair_id>/{source.png, pair.json}`, optionally with
 //! `target.png` and depth.
 //!
-//! `pair.json` is written last. It contains the names and SHA-256 of the pair's files, and a hash of everything that
-//! determines them. A later export can therefore complete missing pairs and replace those whose dataset changed.
+//! `pair.json` is written last. It contains the names and SHA-256 of the pair's files, and a hash
+//! of everything that determines the files. A later export can therefore complete missing pairs and
+//! replace pairs whose dataset changed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -31,8 +32,8 @@ pub struct ExportOptions {
     pub target: bool,
     /// Write `source_depth.npy` and `target_depth.npy`, float32 metres; skipped for views without depth.
     pub depth: bool,
-    /// The settings with which each dataset was read, keyed by dataset name. They affect depth; if they change, the
-    /// pairs are exported again.
+    /// The settings with which each dataset was read, keyed by dataset name. Settings affect depth;
+    /// if a setting changes, the pairs are exported again.
     pub readings: BTreeMap<String, String>,
     /// Factors for the cameras' translation, each with the folder name for the predictions made with these cameras.
     pub scales: Vec<(String, f64)>,

@@ -43,9 +43,9 @@ const MARK: &str = "<meta name=\"generator\" content=\"sharp-bench viewer\">";
 pub struct Viewer<'a> {
     pub title: &'a str,
     pub scene: &'a Gaussians,
-    /// Reference camera, for example that of the photograph.
+    /// Reference camera, for example the photograph's.
     pub photograph: DAffine3,
-    /// At least one view; all have the same intrinsics and the same rendering rule.
+    /// At least one view; all views have the same intrinsics and the same rendering rule.
     pub views: &'a [RenderView],
     pub background: Background,
     pub quantization: Quantization,
@@ -85,7 +85,7 @@ impl Viewer<'_> {
     /// Writes the page with one rendering per [pictured](Self::pictured) view. Overwrites only an earlier page.
     ///
     /// # Errors
-    /// If the file cannot be written, or exists and is not such a page.
+    /// If the file cannot be written, or exists and is not a viewer page.
     pub fn write(&self, path: &Path, pictures: &[RgbImage]) -> Result<(), FileError> {
         let page = self
             .page(pictures)
@@ -159,8 +159,8 @@ impl Viewer<'_> {
     }
 }
 
-/// The Gaussians that can be visible. Their order is kept, because it decides which of two Gaussians at equal depth is
-/// drawn first.
+/// The Gaussians that can be visible. The order of the Gaussians is kept, because it decides which
+/// of two Gaussians at equal depth is drawn first.
 fn drawable(scene: &Gaussians) -> Gaussians {
     scene.filtered(|k| scene.is_finite(k) && scene.opacities[k] >= 1.0 / 255.0)
 }

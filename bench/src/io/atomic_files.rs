@@ -12,7 +12,7 @@ use tempfile::TempDir;
 /// Name prefix of files being written.
 const PARTIAL: &str = ".partial-";
 
-/// Name prefix of folders that are removed when their process ends.
+/// Name prefix of folders that are removed when the process that created them ends.
 const SCRATCH: &str = ".scratch-";
 
 #[derive(Debug, thiserror::Error)]
@@ -24,7 +24,7 @@ pub struct FileError {
 }
 
 impl FileError {
-    /// An error constructor for `map_err`.
+    /// Creates an error constructor for `map_err`.
     pub fn new(path: &Path, action: &'static str) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self {
@@ -44,8 +44,9 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     file.commit()
 }
 
-/// Like [`write_atomic`], but does not sync to disk. For many small files that can be regenerated. A reader, or a
-/// restart after a kill, sees the complete content or none; after a power loss the file may be empty.
+/// Like [`write_atomic`], but does not sync to disk. Meant for many small files that can be
+/// regenerated. A reader, or a restart after a kill, sees the complete content or none; after a
+/// power loss the file may be empty.
 pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     let mut file = PartialFile::create(path)?;
     file.write_all(bytes)
@@ -61,8 +62,9 @@ pub fn write_over_own(path: &Path, bytes: &[u8], mark: &str) -> Result<(), FileE
     write_all_over_own(&[(path, bytes, mark)]).map(drop)
 }
 
-/// Like [`write_over_own`] for several files, each with its mark. All files are checked before the first is written, so
-/// nothing is written if one of them is of another kind. Returns the paths.
+/// Like [`write_over_own`] for several files, each with its mark. All files are checked before the
+/// first is written, so nothing is written if any existing file is of another kind. Returns the
+/// paths.
 pub fn write_all_over_own(
     files: &[(impl AsRef<Path>, impl AsRef<[u8]>, &str)],
 ) -> Result<Vec<PathBuf>, FileError> {
@@ -76,7 +78,7 @@ pub fn write_all_over_own(
     written.collect()
 }
 
-/// Removes a file that contains `mark`; false if there is none.
+/// Removes a file that contains `mark`; returns false if the file does not exist.
 pub fn remove_own(path: &Path, mark: &str) -> Result<bool, FileError> {
     let is_own = is_file_that(path, |there| has_mark(there, mark));
     if is_own {
@@ -111,8 +113,8 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), File
     write_atomic(path, &bytes)
 }
 
-/// A file under construction, written piece by piece. It gets its final name at [`Self::commit`]; if dropped earlier,
-/// it is removed.
+/// A file under construction, written piece by piece. The file gets its final name at
+/// [`Self::commit`]; if dropped earlier, the file is removed.
 #[derive(Debug)]
 pub struct PartialFile {
     path: PathBuf,
@@ -133,8 +135,8 @@ impl PartialFile {
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
             loop {
                 let file = builder.tempfile_in(folder)?;
-                // The lock marks the file as in use. Before it is taken, another process may remove the file as
-                // abandoned; then try again.
+                // The lock marks the file as in use. Until the lock is taken, another process may
+                // remove the file as abandoned; in that case, try again.
                 let locked = file.as_file().lock();
                 if locked.is_err() || file.path().exists() {
                     return Ok(file);
@@ -166,8 +168,8 @@ impl PartialFile {
         commit().map_err(FileError::new(&path, "write"))
     }
 
-    /// Like [`Self::commit`], but keeps an existing file of that name, even one just created by another process, and
-    /// returns false.
+    /// Like [`Self::commit`], but returns false and keeps the existing file if a file of that name
+    /// exists, even if another process has just created it.
     pub fn commit_new(self) -> Result<bool, FileError> {
         let Self { path, file } = self;
         let commit = || -> io::Result<bool> {
@@ -243,9 +245,10 @@ pub fn scratch_folder(within: &Path) -> Result<TempDir, FileError> {
     made.map_err(FileError::new(within, "write into"))
 }
 
-/// Removes leftovers of killed processes in `folder`, and recursively in its subfolders named in `below` (in all
-/// subfolders if `below` is empty). Only entries unchanged for longer than `age` are removed. An age of zero removes
-/// all, so use it only for folders where no other process writes. Entries that cannot be removed are harmless and stay.
+/// Removes leftovers of killed processes in `folder`, and recursively in its subfolders named in
+/// `below` (in all subfolders if `below` is empty). Only entries unchanged for longer than `age`
+/// are removed. An age of zero removes all leftovers, so use zero only for folders in which no
+/// other process writes. Entries that cannot be removed are harmless and stay.
 pub fn remove_leftovers(folder: &Path, below: &[&str], age: Duration) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let (path, name) = (entry.path(), entry.file_name());

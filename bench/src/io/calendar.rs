@@ -5,8 +5,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// The UTC day of a moment.
 pub(crate) fn day(moment: SystemTime) -> String {
     let since = moment.duration_since(UNIX_EPOCH).unwrap_or_default();
-    // Count years from March, so that the leap day comes last. Dates repeat every 400 years; one such cycle began on 1
-    // March 0000, 719 468 days before the epoch.
+    // Count years from March, so that the leap day comes last. Dates repeat every 400 years; one
+    // cycle of 400 years began on 1 March 0000, 719 468 days before the epoch.
     let days = since.as_secs() / 86_400 + 719_468;
     let (cycle, day) = (days / 146_097, days % 146_097);
     let year = (day - day / 1_460 + day / 36_524 - day / 146_096) / 365;

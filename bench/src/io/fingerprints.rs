@@ -1,6 +1,6 @@
-//! One hash per stage, computed when the harness was built, of everything in the code that determines the stage's
-//! results: sources, locked dependencies and compiler. Equal fingerprints mean equal code. Changes to reports or help
-//! texts do not affect them.
+//! One hash per stage, computed when the harness was built, of everything in the code that
+//! determines the stage's results: sources, locked dependencies and compiler. Equal fingerprints
+//! mean equal code. Changes to reports or help texts do not change a fingerprint.
 
 use std::collections::BTreeMap;
 
@@ -20,16 +20,16 @@ macro_rules! groups {
 }
 
 groups! {
-    /// Reading photographs, cameras and depth.
+    /// Code that reads photographs, cameras and depth.
     READING "reading"
-    /// Measuring how much of one view is visible in another.
+    /// Code that measures how much of one view is visible in another.
     OVERLAP "overlap"
-    /// The methods `target`, `copy` and `mean`.
+    /// Code of the methods `target`, `copy` and `mean`.
     TRIVIAL "trivial"
     DEPTH_SPLAT "depth-splat"
-    /// The method `sharp`.
+    /// Code of the method `sharp`.
     NETWORK "network"
-    /// The methods `imported` and `gaussians`.
+    /// Code of the methods `imported` and `gaussians`.
     FILES "files"
     COMMAND "command"
     RENDER_CPU "render-cpu"
@@ -43,8 +43,8 @@ groups! {
 /// Fingerprint of all groups together, which identifies the build.
 pub const BUILD: &str = env!("SHARP_BENCH_BUILD");
 
-/// Crates that decode pictures, with their versions. Versions may decode differently, for example by one level in a
-/// JPEG.
+/// Crates that decode pictures, with their versions. Two versions may decode a JPEG to levels that
+/// differ by one.
 pub const DECODERS: &str = env!("SHARP_BENCH_DECODERS");
 
 pub fn of_metric(family: Family) -> &'static str {

@@ -27,11 +27,11 @@ pub struct GaussianFile {
     pub camera: Option<(Intrinsics, DAffine3)>,
     /// How the Gaussians are to be rendered.
     pub rule: Rule,
-    /// Why this rule was chosen, if it was stated neither by the file nor by the user.
+    /// Reason for choosing this rule; `None` if the file or the user states the rule.
     pub rule_note: Option<String>,
     /// How the stored numbers were interpreted.
     pub reading: StoredForm,
-    /// Evidence against that interpretation.
+    /// Evidence against the interpretation in `reading`.
     pub doubts: Vec<Suspicion>,
 }
 
@@ -84,9 +84,10 @@ pub enum GaussianFileError {
 /// `[N, 4]`, `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear` `[N, 3]` or `sh` `[N, (degree + 1)², 3]`. The
 /// format of any other file is detected from its content ([`sharp::gaussian_files`]).
 ///
-/// `reading` states how numbers are stored, and how colours are encoded if the file does not say so itself. `rule`
-/// determines the colour space for blending. If `rule` is `None`, the rule stated in the file is used. If the file
-/// states none, SHARP's rule is used, provided that the encoding of colours is known and nothing suggests another rule.
+/// `reading` states how numbers are stored, and, for files that do not state it, how colours are
+/// encoded. `rule` determines the colour space for blending. If `rule` is `None`, the rule stated
+/// in the file is used. If the file states no rule, SHARP's rule is used, provided that the
+/// encoding of colours is known and nothing suggests another rule.
 pub fn read(
     path: &Path,
     reading: impl Into<StoredForm>,
@@ -148,7 +149,8 @@ fn undrawn(gaussians: &Gaussians, rule: &Rule) -> Option<Suspicion> {
     })
 }
 
-/// Reads a scene for the rule that the file states, or else for SHARP's rule. Returns the rule and why it was chosen.
+/// Reads a scene for the rule that the file states, or else for SHARP's rule. Returns the scene,
+/// the rule, and the reason for choosing the rule.
 fn read_as_marked(
     path: &Path,
     reading: StoredForm,
@@ -341,7 +343,7 @@ fn with_colors(file: &Checkpoint, colors: Vec<[f32; 3]>) -> Result<Gaussians, Ga
     })
 }
 
-/// The constant coefficients of `sh`, and the remaining ones.
+/// Reads `sh` of a file: the constant coefficients, and the remaining coefficients as harmonics.
 fn read_sh(file: &Checkpoint) -> Result<(Vec<[f32; 3]>, Harmonics), GaussianFileError> {
     let shape = file.shape("sh")?.to_vec();
     let each = match shape[..] {

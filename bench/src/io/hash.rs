@@ -23,7 +23,7 @@ pub fn file_sha256(path: &Path) -> Result<String, FileError> {
 pub struct HashedFile {
     path: PathBuf,
     sha256: String,
-    /// The file's stamp when its hash was last confirmed. `None` once a hash has differed.
+    /// The file's stamp when its hash was last confirmed; `None` after a check found another hash.
     stamp: Mutex<Option<FileStamp>>,
 }
 
@@ -78,7 +78,8 @@ impl HashedFile {
         &self.sha256
     }
 
-    /// Whether the file still has the hashed content. Reads the file only if its stamp differs.
+    /// Whether the file still has the hashed content. Reads the file only if the file's stamp has
+    /// changed.
     pub fn is_unchanged(&self) -> bool {
         let mut stamp = self.stamp.lock().unwrap_or_else(PoisonError::into_inner);
         let now = FileStamp::of(&self.path).ok();
@@ -92,8 +93,8 @@ impl HashedFile {
     }
 }
 
-/// Hashes named values, in order. Names and values are length-prefixed, so that different lists never give the same
-/// bytes.
+/// Hashes named values, in order. Names and values are length-prefixed, so that different lists of
+/// names and values never give the same bytes.
 #[derive(Debug, Clone, Default)]
 pub struct StableHasher(Sha256);
 

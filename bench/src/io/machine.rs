@@ -24,8 +24,8 @@ pub fn monotonic() -> Duration {
     START.get_or_init(Instant::now).elapsed()
 }
 
-/// The processor and number of threads, `AMD EPYC 7R13, 8 threads`. Timings are comparable only if
-/// both are the same. `None` if the system does not report them.
+/// The processor and number of threads, `AMD EPYC 7R13, 8 threads`. Timings are comparable only
+/// for the same processor and number of threads. `None` if the system reports neither.
 pub fn cpu_and_threads() -> Option<String> {
     static CPU: OnceLock<Option<String>> = OnceLock::new();
     let cpu = CPU.get_or_init(|| {

@@ -22,7 +22,7 @@ pub trait Observer: Sync {
 
     fn end(&self) {}
 
-    /// Whether to stop. Work that can be resumed ends after its current step.
+    /// Whether to stop. Work that can be resumed ends after the step in progress.
     fn stop(&self) -> bool {
         false
     }

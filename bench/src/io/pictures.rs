@@ -48,7 +48,8 @@ pub const EXTENSIONS: [&str; 11] = [
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PictureReading {
     pub rules: PictureRules,
-    /// Transfer function of EXR files; if `None`, an EXR that does not state its own is an error.
+    /// Transfer function of EXR files; if `None`, an EXR that does not state its transfer function
+    /// is an error.
     pub exr: Option<ExrTransfer>,
 }
 
@@ -58,7 +59,7 @@ pub struct PictureReading {
 pub struct ReadPicture {
     pub picture: Picture,
     pub notes: Vec<String>,
-    /// Whether the file is a JPEG, whatever its name.
+    /// Whether the file is a JPEG, whatever its extension.
     pub is_jpeg: bool,
 }
 
@@ -187,7 +188,8 @@ fn malformed(path: &Path, reason: impl Into<String>) -> ReadError {
     }
 }
 
-/// Size of the first layer. Reading allocates memory for this size, so it must be plausible for the file's size.
+/// Size of the first layer. Reading allocates memory for this size, so the size must be plausible
+/// for the file's length.
 fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     let bytes = std::fs::metadata(path)
         .map_err(|error| malformed(path, error.to_string()))?
@@ -267,7 +269,7 @@ fn read_exr(
 /// Coverage (alpha), 0..1.
 pub type Alpha = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// A rendering before encoding.
+/// A rendering in linear light, before sRGB encoding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearPicture {
     /// Linear light, premultiplied, over the background.
@@ -278,7 +280,8 @@ pub struct LinearPicture {
 /// Reads an EXR that our renderer wrote.
 ///
 /// # Errors
-/// The error names the file and the reason: unreadable, values that are not finite, or not known to be linear.
+/// The error names the file and the reason: unreadable, values that are not finite, or a file not
+/// known to be linear.
 pub fn read_linear(path: &Path) -> Result<LinearPicture, ReadError> {
     let (picture, said) = read_rgba(path)?;
     let mut values = picture.rgb.iter().chain(picture.alpha.iter());
@@ -292,7 +295,8 @@ pub fn read_linear(path: &Path) -> Result<LinearPicture, ReadError> {
     }
 }
 
-/// The first layer as stored, and its transfer function if our renderer wrote the file.
+/// The first layer as stored, and its transfer function if our renderer wrote the file, else
+/// `None`.
 fn read_rgba(path: &Path) -> Result<(LinearPicture, Option<ExrTransfer>), ReadError> {
     let reason = |error: exr::error::Error| malformed(path, error.to_string());
     exr_dimensions(path)?;

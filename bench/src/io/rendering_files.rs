@@ -60,13 +60,13 @@ fn png(
         .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))
 }
 
-/// Name of the EXR layer attribute with the colours' transfer function. Other programs do not write it, so users must
-/// state the function for their files.
+/// Name of the EXR layer attribute with the colours' transfer function. Other programs do not write
+/// this attribute, so users must state the transfer function of their files.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
 
 /// Writes RGB as blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated
 /// depth (`Z`: Σ w z, metres; divide by alpha for the expected depth) as lossless f32. The file
-/// states whether RGB is linear light, so that it is encoded if the file is read as a picture.
+/// states whether RGB is linear light, which is encoded when the file is read as a picture.
 pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
     let [r, g, b] = [0, 1, 2].map(|channel| {
         let values = rendered.rgb.iter().map(|rgb| rgb[channel]);

@@ -59,8 +59,8 @@ pub fn reason_line(text: &str) -> String {
     shortened(&line, LONGEST_REASON).into_owned()
 }
 
-/// Shortens a text of more than `longest` characters: keeps both ends, with the number of omitted
-/// characters between them.
+/// Shortens a text of more than `longest` characters: keeps both ends, and states the number of
+/// omitted characters between the ends.
 pub fn shortened(text: &str, longest: usize) -> Cow<'_, str> {
     let length = text.chars().count();
     if length <= longest {
@@ -116,7 +116,7 @@ pub fn csv_cell(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// CSV of a header and rows.
+/// Formats a header and rows as CSV.
 pub fn csv_bytes<R: IntoIterator<Item: AsRef<[u8]>>>(
     head: impl IntoIterator<Item: AsRef<[u8]>>,
     rows: impl IntoIterator<Item = R>,
@@ -132,7 +132,8 @@ pub fn csv_bytes<R: IntoIterator<Item: AsRef<[u8]>>>(
     writer.into_inner().unwrap_or_default()
 }
 
-/// The text of a CSV cell: without the prefix if it is one that [`csv_cell`] adds, otherwise unchanged.
+/// The text of a CSV cell, without the leading `'` that [`csv_cell`] adds to formulas; other cells
+/// are unchanged.
 pub fn csv_text(cell: &str) -> &str {
     match cell.strip_prefix('\'') {
         Some(text) if is_formula(text) => text,

@@ -11,11 +11,11 @@ use sharp_datasets::{DatasetError, View, ViewContent};
 use crate::io::atomic_files::FileError;
 use crate::io::hash::{HashedFile, sha256_hex};
 
-/// A file and its hash, once known; locked while the hash is computed.
+/// A file with its hash, or `None` before the hash is computed; locked while it is computed.
 type HashSlot = Arc<Mutex<Option<HashedFile>>>;
 
-/// Hashes of procedural views, keyed by the address of their content. Holding the `Arc` ensures that the address is not
-/// reused.
+/// Hashes of procedural views, keyed by the address of their content. The `Arc` is kept so that the
+/// address is not reused.
 type ProceduralHashes = BTreeMap<usize, (Arc<dyn ViewContent>, String)>;
 
 /// Computes each file's hash once and keeps it. A kept hash is not updated if the file changes;
@@ -54,13 +54,15 @@ impl ViewHashes {
         self.of_roles(view, |_| true)
     }
 
-    /// Hash of a view's camera, photograph, and everything else that changes its pixels (lens, mask), without depth.
+    /// Hash of a view's camera, of its photograph, and of everything else that changes the
+    /// photograph's pixels (lens, mask), without depth.
     pub(crate) fn photograph(&self, view: &View) -> Result<String, DatasetError> {
         self.of_roles(view, |role| role != FileRole::Depth)
     }
 
-    /// Hash of a view's camera and of the bytes of its photograph, mask and depth, 16 hexadecimal digits. Independent
-    /// of the location and names of these files, and of other entries of a shared camera list.
+    /// Hash of a view's camera and of the bytes of its photograph, mask and depth, 16 hexadecimal
+    /// digits. Independent of the files' location and names, and of other views' entries in a
+    /// shared camera list.
     pub(crate) fn short(&self, view: &View) -> Result<String, DatasetError> {
         let mut text = format!("{:?} {:?}\n", view.intrinsics, view.camera_from_world);
         let mut files = view.content.files_by_role();
@@ -118,7 +120,7 @@ impl ViewHashes {
     }
 }
 
-/// Locks a mutex, ignoring poisoning: no code that holds one panics in the middle of a change.
+/// Locks a mutex, ignoring poisoning: no code that holds a lock panics in the middle of a change.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -14,7 +14,7 @@ pub fn json_number(value: f64) -> Value {
     finite_or_text::text(value).map_or_else(|| json!(value), |text| json!(text))
 }
 
-/// Scores, keyed by metric, and the reasons for missing scores, keyed in the same way.
+/// Scores keyed by metric, then the reasons for missing scores, also keyed by metric.
 pub fn json_scores(scores: &KeyedScores) -> [Map<String, Value>; 2] {
     let (mut values, mut unavailable) = (Map::new(), Map::new());
     for (key, score) in scores {
@@ -26,7 +26,8 @@ pub fn json_scores(scores: &KeyedScores) -> [Map<String, Value>; 2] {
     [values, unavailable]
 }
 
-/// One cell per score, empty if the score is missing, and a last cell with the reasons.
+/// One cell per score, empty if the score is missing, then one cell with the reasons for
+/// all missing scores.
 pub fn csv_cells(scores: &KeyedScores) -> Vec<String> {
     let value = |score: &Result<f64, String>| {
         score

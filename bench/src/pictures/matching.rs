@@ -22,7 +22,7 @@ pub enum MatchError {
         other: PathBuf,
         by: MatchBy,
     },
-    /// Two pictures that both match a third.
+    /// Two pictures that both match the same picture.
     #[error("{} and {} have the same {by}", first.display(), second.display())]
     Ambiguous {
         first: PathBuf,
@@ -64,7 +64,8 @@ pub struct Match {
 /// some archives).
 ///
 /// # Errors
-/// [`MatchError`] if a picture of either folder has no counterpart in the other, or several.
+/// [`MatchError`] if a picture of either folder has no counterpart in the other, or several
+/// counterparts.
 pub fn match_folders(
     predictions: &Path,
     targets: &Path,
@@ -92,7 +93,7 @@ pub fn match_folders(
 /// The picture in `folder` that matches `picture`, whose [`Match::key`] is `key`.
 ///
 /// # Errors
-/// If there is none, or more than one.
+/// If no picture or more than one picture matches.
 pub fn partner(
     key: &str,
     picture: &Path,
@@ -132,7 +133,7 @@ fn index(folder: &Path, by: MatchBy) -> Result<BTreeMap<String, PathBuf>, MatchE
     Ok(found)
 }
 
-/// Adds the pictures of a folder and its subfolders to the index.
+/// Adds the pictures of a folder and its subfolders to `found`.
 fn add_to_index(
     folder: &Path,
     prefix: &str,

@@ -1,5 +1,5 @@
-//! Variants that other packages compute under the names of our metrics. They help to identify a published number and
-//! never become a column of a table.
+//! Variants that other packages compute under the names of our metrics. These variants help to
+//! identify a published number; they are never shown as columns of a table.
 //!
 //! Each variant is the default of a public package. The code is simple rather than fast, because only `metrics --find`
 //! uses it.
@@ -16,13 +16,14 @@ pub struct OtherForm {
     /// Name, such as `piq.DISTS`.
     pub name: &'static str,
     pub family: Family,
-    /// How it differs from our metric, and which public code computes it.
+    /// How the variant differs from our metric, and which public code computes it.
     pub convention: &'static str,
     pub value: f64,
 }
 
-/// Computes all variants for two pictures of the same size; those without a value are left out. `mask` marks the pixels
-/// that count. Networks are taken from `scorer`; a variant is skipped if its network is not loaded there.
+/// Computes all variants for two pictures of the same size, without those that have no value.
+/// `mask` marks the pixels that count. Networks are taken from `scorer`; variants whose network
+/// `scorer` has not loaded are skipped.
 pub fn other_forms(
     scorer: &Scorer,
     prediction: &Picture,

@@ -1,7 +1,8 @@
-//! Published evaluation procedures by name, each with the settings of a run that it fixes.
+//! Published evaluation procedures by name, each with the settings of a run that the procedure
+//! fixes.
 //!
-//! Every preset follows the rules of the original code, even misleading ones, and states where this
-//! harness differs.
+//! Every preset follows the rules of the original code, even misleading rules, and states where
+//! this harness differs from it.
 //!
 //! * `table`: the presets; `request`: applies a protocol and opens a configuration.
 
@@ -47,7 +48,7 @@ pub struct Protocol {
     pub mask: PairMask,
     /// Treatment of failed targets.
     pub failures: String,
-    /// Misleading rules that this harness follows nevertheless.
+    /// Misleading rules of the original that this harness follows nevertheless.
     pub traps: Vec<String>,
     /// Differences between this harness and the original.
     pub departures: Vec<String>,
@@ -72,7 +73,7 @@ pub enum PairRule {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantised {
-    /// The original scores floats; this harness scores 8 bit.
+    /// The original scores floats; this harness scores 8-bit levels.
     Float,
     #[default]
     Round,
@@ -97,7 +98,7 @@ impl Protocol {
     /// Applies the protocol to a configuration: frame size and background of datasets, metrics, rounding. Idempotent.
     ///
     /// # Errors
-    /// If the request contradicts the protocol, or does not include something that it needs.
+    /// If the configuration contradicts the protocol, or lacks something that the protocol needs.
     pub fn follow(&self, config: &RunConfig) -> Result<RunConfig, ConfigError> {
         self.check_pairs(&config.pairs)?;
         let mut followed = config.clone();

@@ -12,8 +12,8 @@ use crate::pairs::{OpenDataset, PairOrigin};
 use crate::scoring::ScoringRules;
 
 impl Request {
-    /// Applies the protocol, opens the datasets and builds the methods of a configuration. If `plan`
-    /// (a planned run folder) is given, the pairs are those of the plan.
+    /// Applies the protocol, opens the datasets and builds the methods of a configuration. If
+    /// `plan` (a planned run folder) is given, the plan's pairs are used.
     ///
     /// # Errors
     /// If the configuration contradicts its protocol or itself, or refers to something that does

@@ -6,8 +6,8 @@ use toml::Table;
 
 use super::Protocol;
 
-/// All presets; see [`Protocol::named`]. A preset with `like = NAME` in the file inherits all values of the preset NAME
-/// that it does not set itself.
+/// All presets; see [`Protocol::named`]. A preset with `like = NAME` in the file inherits all
+/// values that it does not set itself from the preset NAME.
 pub static PROTOCOLS: LazyLock<Vec<Protocol>> = LazyLock::new(|| {
     let file: Table = include_str!("../../data/protocols.toml")
         .parse()

@@ -13,7 +13,7 @@ pub struct BatchRenderer {
 }
 
 impl BatchRenderer {
-    /// Opens a backend. A device that exists but cannot be opened counts as failed.
+    /// Opens a backend. A device that exists but cannot be opened counts as a failed device.
     ///
     /// # Errors
     /// [`RenderError::NoAdapter`] if a requested adapter does not exist; `auto` never fails.
@@ -43,7 +43,7 @@ impl BatchRenderer {
         Ok(opened)
     }
 
-    /// Why `auto` chose this backend.
+    /// Reason for which `auto` chose this backend; `None` for any other request.
     pub fn reason(&self) -> Option<&str> {
         self.reason.as_deref()
     }
@@ -56,7 +56,7 @@ impl BatchRenderer {
         }
     }
 
-    /// Why rendering fell back from a device to the CPU; `None` if it did not.
+    /// Why rendering fell back from a device to the CPU; `None` if it did not fall back.
     pub fn fallback(&self) -> Option<&str> {
         self.fallback.as_deref()
     }

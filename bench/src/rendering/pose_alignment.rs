@@ -1,5 +1,5 @@
-//! Moves a target's camera until the rendering fits its photograph, as done in evaluations of
-//! methods without known poses (NoPoSplat, AnySplat).
+//! Moves a target's camera until the rendering fits the target's photograph, as done in evaluations
+//! of methods without known poses (NoPoSplat, AnySplat).
 //!
 //! First, the camera is turned by the shift that brings a small rendering closest to the photograph. Gauss-Newton steps
 //! with Levenberg's damping then reduce the squared difference of sRGB values over the covered pixels, at increasing
@@ -16,12 +16,13 @@ use sharp_metrics::Mask;
 use super::shared::{HOLE_ALPHA, SharedRenderer, surface_depth};
 use crate::pairs::depth::median_depth_m;
 
-/// Width of the last and largest picture, in pixels; narrower targets end at their own width. Each earlier picture is
-/// half as wide as the next.
+/// Width of the last and largest picture, in pixels; for narrower targets, the width of the target.
+/// Each earlier picture is half as wide as the next.
 const WIDEST: u32 = 640;
 /// Minimum width of all pictures but the last, in pixels.
 const NARROWEST: u32 = 60;
-/// Minimum low-pass for all pictures but the last, in px²; it blurs Gaussians that would be smaller than a pixel.
+/// Minimum low-pass for all pictures but the last, in px²; this low-pass blurs Gaussians that would
+/// be smaller than a pixel.
 const LOW_PASS: f32 = 0.3;
 /// The initial shift is searched in the largest picture up to this width, in pixels.
 const SHIFT_WIDTH: u32 = 160;
@@ -31,8 +32,8 @@ const MAX_SHIFT: f64 = 0.1;
 const STEPS: usize = 20;
 /// Half the distance between the two renderings of a central difference, in pixels.
 const REACH: f64 = 0.5;
-/// Smaller values of [`REACH`] for the final rounds at the last width, in pixels. They reduce the effect of single
-/// pixels.
+/// Smaller values of [`REACH`] for the final rounds at the last width, in pixels. Smaller values
+/// reduce the effect of single pixels.
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
 /// Iteration at a width ends after a step smaller than this, in pixels.
 const LAST_STEP: f64 = 0.01;
@@ -52,7 +53,7 @@ pub fn procedure() -> String {
 /// How a camera was moved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moved {
-    /// Maps coordinates of the given camera to those of the moved one.
+    /// Maps coordinates of the original camera to coordinates of the moved camera.
     pub map: DAffine3,
     pub rotation_deg: f64,
     /// Length of the translation, in metres.
@@ -60,7 +61,7 @@ pub struct Moved {
     pub steps: usize,
 }
 
-/// A camera's motion: rotation about x, y, z and translation along them.
+/// A camera's motion: rotation about x, y and z, then translation along x, y and z.
 type Six = [f64; 6];
 
 /// One level of the image pyramid: renderer and photograph at one size.
@@ -75,8 +76,9 @@ struct Level<'a> {
     valid: Option<Vec<bool>>,
 }
 
-/// Moves a camera so that the rendering fits the photograph inside its mask, if given. The photograph's size is that of
-/// `intrinsics`. The camera stays in place if nothing is drawn.
+/// Moves a camera so that the rendering fits the photograph, inside the mask `valid` if given. The
+/// photograph must have the size stated in `intrinsics`. The camera stays in place if nothing is
+/// drawn.
 ///
 /// # Errors
 /// If rendering fails.
@@ -193,8 +195,8 @@ impl Level<'_> {
         ])
     }
 
-    /// Takes steps until one is small enough; returns their number. `reach` is the half-width of the central
-    /// differences, in pixels.
+    /// Takes steps until a step is small enough; returns the number of steps. `reach` is the
+    /// half-width of the central differences, in pixels.
     fn fit(
         &self,
         loaded: &mut dyn LoadedScene,

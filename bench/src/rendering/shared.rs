@@ -16,11 +16,13 @@ use sharp_datasets::DepthMap;
 /// A pixel with alpha below this counts as a hole, because it shows more background than surface.
 pub const HOLE_ALPHA: f32 = 0.5;
 
-/// Settings other than the backend that determine a rendering's pixels. The paper states none of them. The defaults are
-/// the release's, except that the release truncates when converting to 8 bit.
+/// Settings other than the backend that determine a rendering's pixels. The paper does not state
+/// these settings. The defaults are the release's, except that the release truncates when
+/// converting to 8 bit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderSettings {
-    /// Added to both diagonal entries of projected covariances, px², for Gaussians without their own rendering rule.
+    /// Variance in px² that is added to both diagonal entries of projected covariances, for
+    /// Gaussians without their own rendering rule.
     pub eps2d: f32,
     /// Background in the rule's blending space.
     pub background: Background,
@@ -71,8 +73,7 @@ impl SharedRenderer {
         &self.name
     }
 
-    /// Renders a scene from a camera; `camera_from_scene` may be any affine map. Without a `rule`,
-    /// uses SHARP's with this renderer's low-pass.
+    /// uses SHARP's with => uses SHARP's rule with
     pub fn render(
         &self,
         scene: &Gaussians,
@@ -98,7 +99,7 @@ impl SharedRenderer {
         }
     }
 
-    /// Calls `work` with the loaded scene.
+    /// Loads the scene and calls `work` with it.
     pub fn with_loaded<T>(
         &self,
         scene: &Gaussians,

@@ -25,7 +25,7 @@ const MAX_SHARDS: usize = 100_000;
 /// Writes `job.yaml` and `merge.yaml`; returns their paths.
 ///
 /// # Errors
-/// See [`super::slurm()`].
+/// As for [`super::slurm()`].
 pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
     let Kubernetes { shards, out, .. } = request;
     if !shards.plan.starts_with(&request.mount) {

@@ -20,7 +20,7 @@ pub struct Shards {
     /// The plan's run folder: absolute, as seen by the nodes.
     pub plan: PathBuf,
     pub count: usize,
-    /// Cores per shard.
+    /// Number of cores per shard.
     pub cpus: usize,
     /// Whether to resubmit shards with recorded failures.
     pub retry_failed: bool,
@@ -67,12 +67,12 @@ fn fill(template: &str, values: &Values) -> String {
     filled
 }
 
-/// Writes files into a folder, overwriting only our own. Returns their paths.
+/// Writes files into a folder, overwriting only files that this program wrote. Returns the paths.
 fn write(out: &Path, files: Vec<(String, String)>) -> Result<Vec<PathBuf>, ScaleError> {
     let mut written = Vec::new();
     for (name, text) in files {
         let path = out.join(name);
-        // Insert after the shebang line.
+        // Insert the mark after the shebang line.
         let (first, rest) = if text.starts_with("#!") {
             text.split_once('\n').unwrap_or((&text, ""))
         } else {
@@ -89,7 +89,7 @@ fn write(out: &Path, files: Vec<(String, String)>) -> Result<Vec<PathBuf>, Scale
     Ok(written)
 }
 
-/// The plan's estimate, and a name for its jobs.
+/// The plan's estimated cost, and a name for the plan's jobs.
 fn planned(shards: &Shards) -> Result<(Estimate, String), ScaleError> {
     let plan = RunFolder::open(&shards.plan).map_err(EvaluateError::from)?;
     let plan = plan.plan()?;

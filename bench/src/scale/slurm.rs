@@ -13,8 +13,8 @@ pub struct Slurm {
     pub binary: PathBuf,
     /// Whether pictures and scores run as separate arrays instead of one.
     pub stages_apart: bool,
-    /// Options of `sbatch` as pairs (job, option). The job is pictures, score, all or merge, or `every` for each of
-    /// them.
+    /// Options of `sbatch` as pairs (job, option). The job is `pictures`, `score`, `all` or
+    /// `merge`; `every` stands for all four.
     pub options: Vec<(String, String)>,
     pub out: PathBuf,
 }
@@ -25,7 +25,8 @@ const JOBS: [&str; 5] = ["pictures", "score", "all", "merge", "every"];
 /// Writes one script per stage, the merge script and `submit.sh`; returns their paths.
 ///
 /// # Errors
-/// If the folder has no plan, or a file to be written exists and was not written by this program.
+/// If the folder has no plan, or an existing file that would be overwritten was not written by this
+/// program.
 pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
     let Slurm { shards, out, .. } = request;
     let (estimate, name) = planned(shards)?;
@@ -97,8 +98,8 @@ fn cost(estimate: &Estimate, job: &str) -> StageCost {
     }
 }
 
-/// Time to request, in minutes: three times the expected time of a shard if only half of its cores are busy, and at
-/// least 30 minutes. A shard that does not finish in this time is requeued.
+/// Time to request, in minutes: three times the expected time of a shard with half of its cores
+/// busy, and at least 30 minutes. A shard that does not finish in this time is requeued.
 fn minutes(cpu_secs: f64, shards: &Shards) -> u64 {
     let share = cpu_secs / shards.count as f64 / (shards.cpus as f64 / 2.0).max(1.0);
     (3.0 * share / 60.0).ceil().max(30.0) as u64

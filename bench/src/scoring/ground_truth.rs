@@ -19,9 +19,10 @@ pub struct GroundTruth {
 
 #[derive(Debug, Default)]
 pub(crate) struct PairMasks {
-    /// Mask for the metrics with `@frustum`.
+    /// Mask for metrics with the suffix `@frustum`.
     pub(crate) frustum: Option<Mask>,
-    /// Mask for the metrics with `@mask`; if `None`, they use the pixels that the dataset does not exclude.
+    /// Mask for metrics with the suffix `@mask`; `None` selects the pixels that the dataset does
+    /// not exclude.
     pub(crate) given: Option<Mask>,
     pub(crate) border: Border,
 }
@@ -34,8 +35,9 @@ pub(crate) fn valid_mask(valid: &GrayImage) -> Option<Mask> {
 }
 
 impl GroundTruth {
-    /// An 8-bit sRGB photograph. Only pixels with the value 255 in `valid`, which has the same size, count; the dataset
-    /// excludes the others (anonymised faces, for instance).
+    /// Creates the ground truth from an 8-bit sRGB photograph. Only pixels with the value 255 in
+    /// `valid`, which has the same size, count; the dataset excludes all other pixels (anonymised
+    /// faces, for instance).
     pub fn of(image: RgbImage, valid: Option<&GrayImage>) -> Self {
         let valid = valid.and_then(valid_mask);
         Self { image, valid }
@@ -45,7 +47,7 @@ impl GroundTruth {
         &self.image
     }
 
-    /// The pixels that count; `None` if the dataset excludes none.
+    /// excludes none => excludes no pixels
     pub(crate) fn valid(&self) -> Option<&Mask> {
         self.valid.as_ref()
     }
@@ -75,9 +77,10 @@ impl GroundTruth {
     /// Scores pictures, each of a region or the whole target. Pictures of the same region share each network's pass
     /// over the target. Each picture has its own error, which names neither file nor pair.
     ///
-    /// Excluded pixels do not count: in both pictures they are filled with the mean colour of the region's valid target
-    /// pixels, and PSNR is computed over valid pixels only. Metrics with `@mask` use the unfilled pictures inside the
-    /// given mask or, without a mask, at the pixels that are not excluded.
+    /// Excluded pixels do not count: in both pictures, these pixels are filled with the mean colour
+    /// of the region's valid target pixels, and PSNR is computed over valid pixels only. Metrics
+    /// with `@mask` use the unfilled pictures inside the given mask or, without a mask, at the
+    /// pixels that are not excluded.
     pub(crate) fn score(
         &self,
         scorer: &Scorer,
@@ -212,7 +215,8 @@ impl GroundTruth {
 /// The part of the target that a picture is compared with.
 struct Shown<'a> {
     truth: Picture,
-    /// The pixels that count, and the colour that fills the others in both pictures.
+    /// The pixels that count, and the colour that replaces all other pixels in both pictures;
+    /// `None` if all pixels count.
     excluding: Option<(Cow<'a, Mask>, [f32; 3])>,
 }
 
@@ -248,7 +252,7 @@ fn share(mask: &Mask) -> Option<f64> {
     (all > 0).then(|| inside as f64 / all as f64)
 }
 
-/// Mean colour over valid pixels, 0..1 per channel; `None` if there are none.
+/// Mean colour over valid pixels, 0..1 per channel; `None` if no pixel is valid.
 fn mean_colour(picture: &Picture, valid: &Mask) -> Option<[f32; 3]> {
     let width = picture.dimensions().0 as usize;
     let (mut sum, mut count) = ([0.0; 3], 0_u64);
@@ -276,7 +280,7 @@ fn filled(picture: &Picture, valid: &Mask, colour: [f32; 3]) -> Picture {
     }))
 }
 
-/// Replaces PSNR with its value over the valid pixels.
+/// Replaces PSNR by PSNR over the valid pixels; other metrics are unchanged.
 fn over_valid(
     key: MetricKey,
     score: &mut Result<f64, Unavailable>,

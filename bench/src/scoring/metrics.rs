@@ -9,7 +9,7 @@ use super::rules::ScoringRules;
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
 
-/// Metrics with everything that determines their values.
+/// The metrics of a run with everything that determines their values.
 #[derive(Debug)]
 pub struct Scoring {
     /// Computes all of [`Self::metrics`].
@@ -75,7 +75,7 @@ impl Scoring {
         })
     }
 
-    /// The same metrics under other rules, with the same loaded networks.
+    /// The same metrics under other rules; both share the loaded networks.
     #[must_use]
     pub fn under(&self, rules: ScoringRules) -> Self {
         let of = |metric: &ScoredMetric| {

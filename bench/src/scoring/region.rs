@@ -18,9 +18,9 @@ pub struct Region {
     pub x: u32,
     /// Topmost row.
     pub y: u32,
-    /// Columns.
+    /// Number of columns.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
 }
 
@@ -56,7 +56,7 @@ impl Region {
         })
     }
 
-    /// Width and height.
+    /// Width and height of the region.
     pub fn size(&self) -> (u32, u32) {
         (self.width, self.height)
     }
@@ -73,7 +73,7 @@ impl Region {
         inside(self.x, self.width, width) && inside(self.y, self.height, height)
     }
 
-    /// The common part of two regions; `None` if there is none.
+    /// The common part of two regions; `None` if they do not overlap.
     pub fn intersection(&self, other: &Self) -> Option<Self> {
         let overlap = |a: u32, a_len: u32, b: u32, b_len: u32| {
             let start = a.max(b);
@@ -90,8 +90,8 @@ impl Region {
         })
     }
 
-    /// This region in coordinates relative to the corner of `outer`; `None` if it does not lie
-    /// inside `outer`.
+    /// This region in coordinates relative to the corner of `outer`; `None` if this region does not
+    /// lie inside `outer`.
     pub fn within(&self, outer: &Self) -> Option<Self> {
         let moved = Self {
             x: self.x.checked_sub(outer.x)?,

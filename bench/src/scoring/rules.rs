@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::Region;
 
-/// Selection of the compared pixels; part of the identity of every value that it affects.
+/// Selection of the compared pixels; part of the identity of every value that depends on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct ScoringRules {
-    /// Meaning of `@mask`.
+    /// The mask that metrics with the suffix `@mask` use.
     pub mask: PairMask,
-    /// Treatment of the border.
+    /// Treatment of the border of pictures.
     pub border: Border,
 }
 
@@ -36,7 +36,7 @@ pub const MIN_PIXELS: usize = 8;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Border {
-    /// No border.
+    /// The border is not excluded.
     #[default]
     Kept,
     /// A twentieth of each side: from ⌈side / 20⌉ to ⌊19 side / 20⌋, as Flash3D crops.

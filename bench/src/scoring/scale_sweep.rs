@@ -1,9 +1,10 @@
 //! Chooses the best of several scales, as the paper does for methods without metric scale (LVSM,
 //! SVC).
 //!
-//! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS score": the method
-//! renders each pair at several scales of the scene, and the picture closest to the target under DISTS is scored. This
-//! choice uses the target, so reports mention it next to the numbers.
+//! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS
+//! score": the method renders each pair at several scales of the scene, and the picture closest to
+//! the target under DISTS is scored. Because this choice uses the target, reports mention the
+//! choice next to the numbers.
 
 use sharp_metrics::{MetricKey, Picture, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 
@@ -19,7 +20,7 @@ pub struct ScaleChooser {
 }
 
 impl ScaleChooser {
-    /// The paper's chooser: DISTS. `None` if the weights of its network are missing.
+    /// The paper's chooser: DISTS. `None` if the weights of the DISTS network are missing.
     ///
     /// # Errors
     /// If a weights file cannot be read or has the wrong content.

@@ -71,7 +71,7 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
         }
         place = inner.as_table_mut().ok_or("it is not a table")?;
     }
-    // Setting one of several alternative keys removes the others.
+    // Setting one of several alternative keys removes the alternatives.
     if chooses {
         place.clear();
     }

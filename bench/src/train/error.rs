@@ -35,13 +35,14 @@ pub enum TrainError {
     Method(#[from] MethodError),
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// The folder has other contents.
+    /// The folder contains something other than this training run.
     #[error("{}: {reason}", folder.display())]
     OtherFolder { folder: PathBuf, reason: String },
     /// The validation dataset overlaps the training data.
     #[error("validation dataset '{spec}': {reason}")]
     NotHeldOut { spec: String, reason: String },
-    /// A pair has no prediction, so means would not be comparable with those of other validations.
+    /// A pair has no prediction, so means would not be comparable with the means of other
+    /// validations.
     #[error("pair '{pair}': {reason}")]
     Unpredicted { pair: String, reason: String },
     /// A log was modified or damaged.

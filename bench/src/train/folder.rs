@@ -21,8 +21,9 @@ pub(super) struct TrainingFolder {
 const CONFIG: &str = "config.toml";
 
 impl TrainingFolder {
-    /// Creates the folder for a configuration, or opens one created with the same configuration. Saves the text as
-    /// `config.toml`. Keys that affect no result may differ; before the first step, any key may.
+    /// Creates the folder for a configuration, or opens a folder created with the same
+    /// configuration. Saves the text as `config.toml`. Keys that affect no result may differ;
+    /// before the first step, any key may differ.
     ///
     /// # Errors
     /// [`TrainError::OtherFolder`] if the folder contains other files, or a training run with another
@@ -52,7 +53,7 @@ impl TrainingFolder {
         } else {
             let entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
             let mut entries = entries.filter_map(Result::ok);
-            // Dot files are ours, as in a run folder.
+            // Files whose names begin with a dot are this program's own, as in a run folder.
             if entries.any(|entry| !entry.file_name().to_string_lossy().starts_with('.')) {
                 return Err(refused(format!("it contains other files but no {CONFIG}")));
             }
@@ -75,7 +76,8 @@ impl TrainingFolder {
     }
 }
 
-/// Whether the first step was made. Before it, changing the configuration (to fix a path, for instance) loses nothing.
+/// Whether the first step was made. Before that, changing the configuration (to fix a path, for
+/// instance) loses nothing.
 fn has_begun(root: &Path) -> bool {
     let log = read_text(&root.join("log.csv")).unwrap_or_default();
     log.lines().count() > 1 || root.join("checkpoints").exists()

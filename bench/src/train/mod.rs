@@ -3,7 +3,7 @@
 //! | in the folder, besides [the files of `sharp_train`](sharp_train::trainer) | |
 //! |---|---|
 //! | `config.toml`, `network.json` | the configuration, and the network's architecture by itself |
-//! | `validation-pairs.csv` | the pairs that weights are validated on |
+//! | `validation-pairs.csv` | the pairs on which weights are validated |
 //! | `validation/` | the run folder of the last validation |
 //! | `index.html` | the page |
 //!
@@ -68,7 +68,7 @@ pub struct Trained {
 /// Trains, or resumes a training run, until it is complete or the observer requests a stop.
 ///
 /// # Errors
-/// [`TrainError`]. Checkpoints are kept, and the same call resumes from them.
+/// [`TrainError`]. Checkpoints are kept, and calling again with the same request resumes from them.
 pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Trained, TrainError> {
     let compute = request.device.open(Algorithm::Winograd);
     let compute = compute.map_err(TrainingError::from)?;
@@ -147,7 +147,8 @@ struct Watching<'a> {
     /// The stage whose progress is currently displayed.
     phase: Option<Stage>,
     validated: Vec<(String, f64)>,
-    /// Whether to rewrite the page at the next step. Set after a validation, whose values are in the log only by then.
+    /// Whether to rewrite the page at the next step. Set after a validation, because its values are
+    /// not in the log until then.
     page_due: bool,
 }
 

@@ -37,7 +37,7 @@ struct TrainPage {
     /// Tiles with a label and a number.
     tiles: Vec<(&'static str, String)>,
     figures: Vec<Figure>,
-    /// For each stage: its number, its steps, median seconds per step, and hours.
+    /// For each stage: its number, its number of steps, median seconds per step, and hours.
     stages: Vec<[String; 4]>,
     samples: Vec<Sample>,
     perceptual_network: Option<&'static str>,
@@ -230,7 +230,8 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
     Ok(Some(figure.map_err(ReportError::from)?))
 }
 
-/// One row per stage with at least one step: its number, its steps, median seconds per step, and hours.
+/// One row per stage with at least one step: number of the stage, number of steps, median seconds
+/// per step, and hours.
 fn stages(log: &Log) -> Result<Vec<[String; 4]>, TrainError> {
     let mut seconds: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
     for ((stage, _), taken) in log.places()?.into_iter().zip(log.values(2)?) {
@@ -250,7 +251,7 @@ fn stages(log: &Log) -> Result<Vec<[String; 4]>, TrainError> {
     Ok(rows.collect())
 }
 
-/// Sample pictures of the last validation; empty if there was none.
+/// Sample pictures of the last validation; empty if there was no validation.
 fn samples(run: &Path, observer: &dyn Observer) -> Result<Vec<Sample>, TrainError> {
     if !run.join("manifest.json").is_file() {
         return Ok(Vec::new());

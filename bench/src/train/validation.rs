@@ -25,7 +25,7 @@ use crate::report::board::Board;
 use crate::report::statistics::of_metric;
 use crate::scoring::{Scoring, ScoringRules};
 
-/// The data that weights are validated on.
+/// The data on which weights are validated.
 pub struct ValidationRequest {
     pub datasets: Vec<DatasetConfig>,
     /// Maximum number of pairs, spread over datasets and scenes.
@@ -158,7 +158,7 @@ struct SplitPhotographs {
 }
 
 impl SplitPhotographs {
-    /// Reads the split from a configuration; `None` if it splits no folder.
+    /// Reads the split from a configuration; `None` if the configuration splits no folder.
     fn of(config: &TrainingConfig) -> Result<Option<Self>, TrainError> {
         let (1.., TrainingData::Split(split)) = (config.stage2.steps, &config.stage2.data) else {
             return Ok(None);
@@ -169,7 +169,7 @@ impl SplitPhotographs {
         Ok(Some(Self { folder, held_out }))
     }
 
-    /// True if the view's picture is held out or in another folder.
+    /// True if the view's picture is held out or outside the folder.
     fn allows(&self, view: &View) -> bool {
         let file = view.content.image_file().map(Path::canonicalize);
         let Some(Ok(file)) = file else {
@@ -249,8 +249,8 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
     Ok(means)
 }
 
-/// Ignores stop requests during a validation. A validation is short, and the checkpoint of its step is written only
-/// after it.
+/// Ignores stop requests during a validation. A validation is short, and the checkpoint of the
+/// validated step is written only afterwards.
 struct Unstopped<'a>(&'a dyn Observer);
 
 impl Observer for Unstopped<'_> {

@@ -19,7 +19,8 @@ pub struct Bootstrap {
 }
 
 impl Bootstrap {
-    /// Requires at least two clusters and finite scores.
+    /// Resamples the clusters of `sample`, which must have at least two clusters and only finite
+    /// scores.
     pub fn new(sample: &Clusters, resampling: Resampling) -> Self {
         let clusters = sample.clusters();
         let drawn = resampling.indices().into_par_iter().map(|k| {

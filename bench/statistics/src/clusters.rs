@@ -31,8 +31,8 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    /// Builds the sums from the cluster of each pair and its scores `[a, b]`. The order of pairs
-    /// affects only rounding.
+    /// Builds the sums from pairs, each with its cluster and its scores `[a, b]`. The order of
+    /// pairs affects only rounding.
     pub fn new<K: Ord>(pairs: impl IntoIterator<Item = (K, [f64; 2])>) -> Self {
         let mut by_key: BTreeMap<K, Cluster> = BTreeMap::new();
         let mut all = Self {
@@ -62,7 +62,7 @@ impl Clusters {
         all
     }
 
-    /// Mean difference over pairs; NaN if there are none.
+    /// Mean difference over pairs; NaN without pairs.
     pub fn mean(&self) -> f64 {
         self.sums[2] / self.n_pairs as f64
     }
@@ -90,7 +90,7 @@ impl Clusters {
         self.n_infinite
     }
 
-    /// True if all differences are zero or there are none.
+    /// True if all differences are zero or there are no differences.
     pub fn all_equal(&self) -> bool {
         self.all_equal
     }

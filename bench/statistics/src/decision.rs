@@ -30,9 +30,9 @@ pub enum Verdict {
 
 /// The verdict that a mean difference supports: none if `all_equal`; otherwise, inconclusive without `inference`.
 ///
-/// If the corrected p is significant, the verdict is better or worse, even if the difference is too small to matter.
-/// If not, it is none if the whole interval lies within ±`practical`, the largest difference that does not matter, and
-/// inconclusive otherwise.
+/// If the corrected p is significant, the verdict is better or worse, even if the difference is too
+/// small to matter. If p is not significant, the verdict is none if the whole interval lies within
+/// ±`practical` (the largest difference that does not matter), and inconclusive otherwise.
 pub fn verdict(
     inference: Option<&Inference>,
     p_corrected: Option<f64>,

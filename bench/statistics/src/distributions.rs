@@ -33,8 +33,9 @@ pub fn t_two_sided(t: f64, degrees_of_freedom: f64) -> f64 {
     // T = √ν cot ψ with the density of ψ proportional to sin^(ν−1) ψ.
     let root = degrees_of_freedom.sqrt();
     let below = |end: f64| {
-        // More than `reach` below `end`, the density is less than e⁻⁴⁴ of its value at `end`, and is left out. It falls
-        // at least as fast as a normal density, and at least at the exponential rate that it has at `end`.
+        // More than `reach` below `end`, the density is less than e⁻⁴⁴ of its value at `end`, and
+        // is left out. The density falls at least as fast as a normal density, and at least at the
+        // exponential rate that it has at `end`.
         let reach = (9.5 / root).min(45.0 * end.tan() / (degrees_of_freedom - 1.0).max(1e-9));
         let start = (end - reach).max(0.0);
         integrate(end - start, |v| {

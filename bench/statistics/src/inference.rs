@@ -35,23 +35,23 @@ pub struct Inference {
     pub mean: f64,
     /// 95 % confidence interval; an unbounded end is infinite.
     pub interval: (f64, f64),
-    /// Two-sided p for the hypothesis that the mean is zero. It is below 0.05 if and only if the
+    /// Two-sided p for the hypothesis that the mean is zero. p is below 0.05 if and only if the
     /// interval excludes zero.
     pub p: f64,
     /// Standard error by the cluster jackknife, for every procedure; 0 if all clusters differ by the same amount.
     pub standard_error: f64,
-    /// Degrees of freedom of the standard error; NaN if that is 0.
+    /// Degrees of freedom of the standard error; NaN if the standard error is 0.
     pub degrees_of_freedom: f64,
     pub n_pairs: usize,
     pub n_clusters: usize,
     pub procedure: Procedure,
-    /// The sign-flip test, which does not assume a normal distribution. It is shown next to the p of a single dataset,
-    /// together with the smallest p that it can give. `None` for several datasets, because it would treat the
-    /// differences between them as noise.
+    /// The sign-flip test, which does not assume a normal distribution. It is shown next to the p
+    /// of a single dataset, together with the smallest p that it can give. `None` for several
+    /// datasets, because the test would treat the differences between them as noise.
     pub sign_flip: Option<SignFlip>,
 }
 
-/// Why there is no interval and no p.
+/// Reason for which there is neither an interval nor a p value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NoInference {
     #[error("no pairs")]
@@ -67,8 +67,8 @@ pub enum NoInference {
     NoSpread,
 }
 
-/// Mean difference over datasets, which all have equal weight whatever their numbers of pairs: interval, p and
-/// detectable difference, by the rule in the [crate's documentation](crate).
+/// The mean of the datasets' mean differences, each dataset with equal weight, with its interval
+/// and p, by the rule in the [crate's documentation](crate).
 pub fn infer(datasets: &[&Clusters], resampling: Resampling) -> Result<Inference, NoInference> {
     if datasets.is_empty() || datasets.iter().any(|d| d.n_pairs() == 0) {
         return Err(NoInference::NoPairs);

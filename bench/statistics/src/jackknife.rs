@@ -14,10 +14,11 @@ pub struct Jackknife {
     pub variance: f64,
     /// Degrees of freedom of the t distribution with which mean / √variance is compared.
     ///
-    /// G − 1 for clusters of equal size. For unequal sizes, they are chosen so that Student's t has the same critical
-    /// value at the 5 % level as the exact statistic for normal cluster means. That statistic depends on the variances
-    /// of the clusters. It is evaluated twice, once with equal variances and once with estimated ones, which are
-    /// unreliable for few clusters; the smaller result is used.
+    /// G − 1 for clusters of equal size. For unequal sizes, they are chosen so that Student's t has
+    /// the same critical value at the 5 % level as the exact statistic for normal cluster means.
+    /// That statistic depends on the variances of the clusters. The degrees of freedom are computed
+    /// twice, with equal variances and with estimated variances, which are unreliable for few
+    /// clusters; the smaller result is used.
     pub degrees_of_freedom: f64,
 }
 
@@ -41,7 +42,7 @@ impl Jackknife {
 /// The level at which Student's distribution is fitted to the exact distribution.
 const FITTED_AT: f64 = 0.05;
 
-/// See [`Jackknife::degrees_of_freedom`].
+/// Computes [`Jackknife::degrees_of_freedom`].
 fn degrees_of_freedom(sample: &Clusters) -> f64 {
     let clusters = sample.clusters();
     let equal = clusters.len() as f64 - 1.0;
@@ -56,8 +57,8 @@ fn degrees_of_freedom(sample: &Clusters) -> f64 {
         let critical = root(-2.0, 8.0, excess).exp();
         let tail = |log: f64| t_two_sided(critical, log.exp()).max(f64::MIN_POSITIVE);
         let excess = |log: f64| tail(log).ln() - FITTED_AT.ln();
-        // With one large cluster among many, the critical value may be below that of the normal distribution; the
-        // result is then the upper bound.
+        // With one large cluster among many, the critical value may be below the normal
+        // distribution's; the result is then the upper bound `MAX_DEGREES`.
         root(-2.0, MAX_DEGREES.ln(), excess).exp()
     };
     fitted(&vec![1.0; clusters.len()]).min(fitted(&estimated_variances(sample)))
@@ -66,8 +67,9 @@ fn degrees_of_freedom(sample: &Clusters) -> f64 {
 /// From this many degrees of freedom, Student's distribution is treated as normal.
 const MAX_DEGREES: f64 = 1e6;
 
-/// Variances of the clusters' means: the variance between clusters plus that between pairs divided by their number n,
-/// both estimated by the analysis of variance of unweighted means. All are 1 if both estimates are zero.
+/// Variances of the clusters' means: the variance between clusters plus the variance between pairs
+/// divided by the cluster's number of pairs n, both estimated by the analysis of variance of
+/// unweighted means. All variances are 1 if both estimates are zero.
 fn estimated_variances(sample: &Clusters) -> Vec<f64> {
     let clusters = sample.clusters();
     let n = clusters.len() as f64;
@@ -121,8 +123,9 @@ impl Statistic {
         }
     }
 
-    /// The determinant of I + τVC, as the logarithm of a positive factor and a factor with its sign. VC is diagonal
-    /// plus rank two, so the matrix determinant lemma reduces it to sums over clusters.
+    /// The determinant of I + τVC, as the logarithm of a positive factor, and a second factor with
+    /// the determinant's sign. VC is diagonal plus rank two, so the matrix determinant lemma
+    /// reduces it to sums over clusters.
     fn determinant(&self, tau: f64, c: f64) -> (f64, f64) {
         let (mut log, mut w_kept, mut w2_kept, mut d_kept) = (0.0, 0.0, 0.0, 0.0);
         for [w, v, d] in &self.clusters {
@@ -148,8 +151,8 @@ impl Statistic {
         let sign = |log: f64| self.determinant(log.exp(), c).1;
         let zero = root(start - 1.0, start + 60.0, sign).exp();
         let product = |phi: f64| {
-            // At sin φ = 1 the determinant and its factor both vanish, so take their quotient
-            // slightly off that point.
+            // At sin φ = 1 the determinant and its factor both vanish, so take the quotient of the
+            // two slightly off that point.
             let s = (1.0 / phi.sin().powi(2)).max(1.0 + 1e-7);
             let (log, rest) = self.determinant(s * zero, c);
             (-0.5 * log).exp() / (rest / (1.0 - s)).sqrt()

@@ -8,7 +8,8 @@ use sharp::random::{SplitMix64, mix};
 /// Number of resamples, and their seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Resampling {
-    /// Each resample has its own random stream, so results do not depend on the number of threads.
+    /// Seed of all resamples. Each resample has its own random stream, so results do not depend on
+    /// the number of threads.
     pub seed: u64,
     pub count: NonZeroU32,
 }

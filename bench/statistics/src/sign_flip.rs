@@ -9,14 +9,14 @@ use crate::resampling::Resampling;
 /// same statistic, so at most 2¹³ patterns are computed.
 pub(crate) const MAX_ENUMERATED: usize = 14;
 
-/// Sign-flip test of the clusters' differences. It is exact if each cluster's sum of (difference −
-/// true mean) is as likely as its negative, whatever the clusters' sizes and spreads (Fisher 1935).
-/// For means that are not symmetric, see Romano, "On the behavior of randomization tests without a
-/// group invariance assumption", JASA 1990.
+/// Sign-flip test of the clusters' differences. The test is exact if each cluster's sum of
+/// (difference − true mean) is as likely as the negated sum, whatever the clusters' sizes and
+/// spreads (Fisher 1935). For means that are not symmetric, see Romano, "On the behavior of
+/// randomization tests without a group invariance assumption", JASA 1990.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SignFlip {
-    /// Share of sign patterns whose mean is at least as far from zero as the observed one: among all patterns if they
-    /// are enumerated, else among the drawn patterns and the observed one.
+    /// Share of sign patterns whose mean is at least as far from zero as the observed mean: among
+    /// all patterns if all are enumerated, else among the drawn patterns and the observed one.
     pub p: f64,
     /// The smallest possible `p` for this number of clusters: 2/2^G if patterns are enumerated, so no test with fewer
     /// than six clusters is significant at 5 %.
@@ -32,7 +32,7 @@ pub struct SignFlip {
 }
 
 impl SignFlip {
-    /// Requires at least one cluster and finite scores.
+    /// Tests the clusters of `sample`, which must have at least one cluster and only finite scores.
     pub fn new(sample: &Clusters, resampling: Resampling) -> Self {
         let n = sample.n_clusters();
         let enumerated = n <= MAX_ENUMERATED;
@@ -49,7 +49,7 @@ impl SignFlip {
                 range(sample, || random.next_u64())
             });
             let mut all: Vec<_> = if sample.all_equal() {
-                // All flips have the same result. Skip drawing them: comparing two identical runs
+                // All flips have the same result, so do not draw any: comparing two identical runs
                 // is common and should be quick.
                 vec![(0.0, 0.0); resampling.count.get() as usize]
             } else {
@@ -79,16 +79,16 @@ impl SignFlip {
     /// infinite if `alpha` is not above the floor.
     pub fn interval(&self, alpha: f64) -> (f64, f64) {
         let total = self.highs.len();
-        // A mean is inside if at least this many patterns are consistent with it.
+        // A mean is inside the interval if at least this many patterns are consistent with it.
         let needed = (alpha * total as f64 - 1e-9).ceil().max(1.0) as usize;
         (self.lows[needed - 1], self.highs[total - needed])
     }
 }
 
-/// The true means δ under which a pattern of signs is as far from its expectation as the observed one:
-/// |Σ ±(s − δn)| ≥ |Σ (s − δn)| over clusters of sum s and size n. They lie between the mean of the clusters that keep
-/// their sign and that of those that do not (Hartigan's "typical values", JASA 1969). Each call of `signs` gives 64
-/// signs.
+/// The true means δ under which a pattern of signs is at least as far from its expectation as the
+/// observed pattern: |Σ ±(s − δn)| ≥ |Σ (s − δn)| over clusters of sum s and size n. These means
+/// lie between the mean of the clusters that keep their sign and the mean of the clusters that do
+/// not (Hartigan's "typical values", JASA 1969). Each call of `signs` returns 64 signs.
 fn range(sample: &Clusters, mut signs: impl FnMut() -> u64) -> (f64, f64) {
     let (mut sum, mut pairs) = (0.0, 0.0);
     for clusters in sample.clusters().chunks(64) {

@@ -16,13 +16,14 @@ pub(super) const DEPTHS_M: RangeInclusive<f64> = 0.05..=2000.0;
 /// for masks, and how it stores poses.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
-    /// Metres per unit of the poses; `None` if not set.
+    /// Metres per unit of the poses; `None` if the dataset has no setting for the unit.
     scale: Option<f64>,
-    /// Metres per unit of depth maps; `None` if not set.
+    /// Metres per unit of depth maps; `None` if the dataset has no setting for the unit.
     depth_unit: Option<f64>,
     /// True if depth comes from the points of a model; `scale` then multiplies points and poses alike.
     is_of_points: bool,
-    /// True if a setting says which side of masks is kept.
+    /// True if the dataset has the setting `masks`, which says whether black or white pixels are
+    /// kept.
     has_mask_sides: bool,
     pub(super) poses_are_matrices: bool,
 }
@@ -40,8 +41,8 @@ impl Units {
         }
     }
 
-    /// Text to append to a contradiction, with inverted masks as another possible cause. `excluded` is the fraction of
-    /// pixels that the masks exclude.
+    /// Text to append to a contradiction; names inverted masks as another possible cause.
+    /// `excluded` is the fraction of pixels that the masks exclude.
     pub(super) fn inverted_masks(self, excluded: f64) -> String {
         let setting = if self.has_mask_sides {
             " (masks=keep-black keeps black pixels, masks=keep-white white ones)"
@@ -54,17 +55,18 @@ impl Units {
         )
     }
 
-    /// Metres per unit of the poses.
+    /// Metres per unit of the poses; 1 without a setting.
     pub(super) fn pose_unit_m(self) -> f64 {
         self.scale.unwrap_or(1.0)
     }
 
-    /// Metres per unit of depth maps.
+    /// Metres per unit of depth maps; 1 without a setting.
     pub(super) fn depth_unit_m(self) -> f64 {
         self.depth_unit.unwrap_or(1.0)
     }
 
-    /// Advice that names the settings for the units of depth and poses, or a question about the unit if there are none.
+    /// Names the settings for the units of depth and poses; if the dataset has neither setting,
+    /// asks whether its unit is correct.
     pub(super) fn where_to_set(self) -> &'static str {
         match (self.scale, self.depth_unit) {
             (Some(_), Some(_)) => "set depth-unit=, and scale= for the poses",
@@ -75,7 +77,8 @@ impl Units {
     }
 }
 
-/// A sentence on a `change` to the dataset reader's interpretation that fits better, with the `evidence`.
+/// Describes a `change` to the dataset reader's interpretation that fits better, followed by the
+/// `evidence`.
 pub(super) fn sentence(
     change: &Change,
     evidence: &str,
@@ -232,12 +235,12 @@ pub(super) fn sentence(
     }
 }
 
-/// Returns the setting that brings poses and depth to the same unit (in words, if there is no such setting), and text
-/// about the alternative to it (empty if there is none).
+/// Returns the setting that brings poses and depth to the same unit, or a description of the
+/// required unit if no setting exists; then text about an alternative (empty if there is none).
 ///
-/// If depth is implausible as read, or poses have no setting, the unit of depth is changed, and there is no
-/// alternative. Otherwise, the unit of the poses is changed; changing that of depth is the alternative. The unit of
-/// depth is never changed if depth would become implausible.
+/// If depth is implausible as read, or there is no setting for the poses' unit, the unit of depth
+/// is changed, without an alternative. Otherwise, the poses' unit is changed, and a change of the
+/// depth unit is the alternative. A depth unit that makes depth implausible is never suggested.
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     if units.is_of_points {
         let factor = number(scale);
@@ -269,11 +272,11 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     }
 }
 
-/// Text with the numbers that show how much better another interpretation fits neighbouring views.
+/// Describes, with numbers, how much better another interpretation fits neighbouring views.
 pub(super) fn evidence(as_read: &Explained, other: &Explained) -> String {
     let mut parts = Vec::new();
     let [after, before] = [other, as_read].map(|read| format!("{:.1}", 100.0 * read.agreement()));
-    // Equal numbers are no evidence.
+    // Equal numbers would show no improvement.
     if other.meets_depth() && (after != before || other.colour_levels().is_none()) {
         parts.push(format!(
             "{after} % of depths agree between neighbouring views instead of {before} %"

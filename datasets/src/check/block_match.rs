@@ -4,24 +4,27 @@ use super::small_view::{Grey, Sample};
 
 /// Radius of the compared blocks, in reduced pixels.
 const RADIUS: u32 = 3;
-/// Maximum number of blocks examined; only those with enough contrast are compared.
+/// Maximum number of blocks examined; of these, only blocks with enough contrast are compared.
 const MAX_BLOCKS: usize = 1500;
 /// Blocks are compared only if their standard deviation is at least this, in levels.
 const MIN_CONTRAST: f32 = 8.0;
-/// A best match counts as being at the disparity if it is within this distance of it, in reduced pixels.
+/// A block's best match confirms its disparity if their distance is at most this, in reduced
+/// pixels.
 const MAX_OFF: f64 = 1.0;
 /// A pair is judged only if at least this many blocks were compared.
 const MIN_BLOCKS: usize = 200;
-/// A pair is reported if less than this fraction of its blocks match best at their disparity. In consistent pairs it is
-/// 0.4 to 0.9, even with different exposures; with another scene's disparities it is below 0.2.
+/// A pair is reported if less than this fraction of its blocks match best at their disparity. The
+/// fraction is 0.4 to 0.9 in consistent pairs, even with different exposures, and below 0.2 with
+/// another scene's disparities.
 const MIN_NEAR: f64 = 0.3;
 /// Two pictures count as showing the same scene if the median correlation of their best matches is at least this.
 const MIN_RELATED: f32 = 0.8;
-/// Replaces [`MIN_NEAR`] for pictures below [`MIN_RELATED`]: blocks of unrelated pictures match equally well anywhere.
+/// Replaces [`MIN_NEAR`] for pairs that do not reach [`MIN_RELATED`]: blocks of unrelated pictures
+/// match equally well anywhere.
 const MIN_NEAR_OF_UNRELATED: f64 = 0.12;
 
-/// Differences of a block's levels from their mean, and their Euclidean norm. `None` outside the picture or under a
-/// mask.
+/// Differences of a block's levels from their mean, and their Euclidean norm. `None` if the block
+/// extends beyond the picture or contains a masked pixel.
 fn block(picture: &Grey, x: i64, y: i64) -> Option<(Vec<f32>, f32)> {
     let (width, height) = picture.size();
     let fits = |at: i64, side: u32| at >= i64::from(RADIUS) && at + i64::from(RADIUS) < side.into();

@@ -8,9 +8,9 @@ use crate::{Pairing, Scene, View, files};
 
 /// A calibration is reported if more than this fraction of the disparities lie outside the range that it states.
 const MAX_OUTSIDE: f64 = 0.1;
-/// Tolerance by which that range is widened on both sides, in pixels.
+/// Tolerance by which the stated range of disparities is widened on both sides, in pixels.
 const TOLERANCE_PX: f64 = 1.0;
-/// Additional tolerance, as a fraction of the range.
+/// Additional tolerance on both sides, as a fraction of the stated range.
 const TOLERANCE_SHARE: f64 = 0.02;
 
 /// Sizes of shrunk pictures, relative to the originals, whose range may still be stated: nothing is computed from it.
@@ -48,7 +48,7 @@ pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
 }
 
 /// Finds rectified pairs whose cameras equal those of another scene although the sizes of the
-/// pictures differ. Returns each scene's index with a message.
+/// pictures differ. Returns the index of each affected scene with a message.
 pub fn copied_calibrations(scenes: &[Scene]) -> Vec<(usize, String)> {
     let mut groups: BTreeMap<Vec<u64>, Vec<usize>> = BTreeMap::new();
     for (i, scene) in scenes.iter().enumerate() {

@@ -14,10 +14,11 @@ use super::small_view::Part;
 pub(super) enum Change {
     /// Factor by which the poses' translations must be multiplied to fit the depth.
     Scale(f64),
-    /// Focal lengths are wrong; holds which ones, and the factor by which they must be multiplied.
+    /// Focal lengths are wrong; holds which of fx and fy, and the factor by which to multiply them.
     Focal(Focal, f64),
     CentreSwapped,
-    /// Offset of the principal points to the right and down, in widths of the picture.
+    /// Principal points are off; holds the offset to add, to the right and down, in widths of the
+    /// picture.
     CentreOff(DVec2),
     /// Number of metres that must be added to the depths.
     Short(f64),
@@ -32,7 +33,7 @@ pub(super) enum Change {
     /// The stored values are reciprocals of depths; holds the factor by which the poses'
     /// translations must be multiplied to fit these depths.
     Inverse(f64),
-    /// The stored values are those of a z-buffer; holds the distance of its near plane in metres.
+    /// Depth maps hold values of a z-buffer; holds the distance of the near plane in metres.
     Buffer(f64),
     /// The poses use another convention; holds its [`Convention::name`](super::convention::Convention::name).
     Convention(&'static str),
@@ -41,18 +42,19 @@ pub(super) enum Change {
     /// Pairs of views fit the poses of other views, but no consistent assignment exists, because two pictures would
     /// have the same pose.
     Unlisted,
-    /// One or several views are wrong; holds a description of which and how.
+    /// Some views are wrong; holds a description of the views and of the error.
     Views(String),
-    /// Cameras are swapped; holds a description of which.
+    /// Cameras are swapped; holds a description of which cameras.
     Cameras(String),
     /// The lenses distort; holds their [`Reading::bend`].
     Bent(f64),
-    /// Depth maps fit the pictures if they are shifted and scaled in this way.
+    /// Depth maps fit the pictures if they are shifted and scaled by this registration.
     Registered(Registration),
     /// Pictures or depth maps are flipped; holds a description of the direction.
     Flipped(Part, &'static str),
-    /// Pictures fit if their EXIF orientation is applied where it was ignored, or ignored where it was applied. Holds the
-    /// setting that does so. Pictures have the camera's size either way.
+    /// Pictures fit better if their EXIF orientation is applied where the reader ignored it, or
+    /// ignored where it applied it; holds the setting that selects this. Pictures have the camera's
+    /// size in both cases.
     Turned(&'static str),
 }
 
@@ -77,7 +79,8 @@ impl Focal {
 }
 
 impl Change {
-    /// True for changes that may improve the match of colours without improving that of depths.
+    /// True for changes that may improve the match of colours without improving the match of
+    /// depths.
     pub(super) fn shows_in_colours(&self) -> bool {
         matches!(
             self,
@@ -105,7 +108,7 @@ impl Change {
     }
 }
 
-/// The part of a view that is reassigned; the rest is unchanged.
+/// The part of a view that is replaced by another view's; the other parts are kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Moves {
     Poses,

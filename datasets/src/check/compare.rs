@@ -5,13 +5,13 @@ use super::explained::{ENOUGH, Explained};
 
 /// Another interpretation counts as better only if it removes at least this fraction of the loss.
 pub(super) const MIN_GAIN: f64 = 0.1;
-/// Replaces [`MIN_GAIN`] for changes by a factor. It can be lower, because in valid data hardly any factor fits better
-/// than 1.
+/// Replaces [`MIN_GAIN`] for changes by a factor. This threshold can be lower, because in valid
+/// data hardly any factor fits better than 1.
 pub(super) const MIN_GAIN_OF_FACTORS: f64 = 0.05;
 /// Replaces [`MIN_GAIN`] for changes to some of the views.
 pub(super) const MIN_GAIN_OF_VIEWS: f64 = 0.15;
-/// Another interpretation is judged only if at least this many samples land in other views; with fewer, too little is
-/// visible.
+/// Another interpretation is judged only if at least this many samples land in other views; fewer
+/// samples prove nothing.
 const MIN_LANDED: usize = 500;
 /// Another interpretation counts as better only if it fits better in at least this fraction of the picture tiles.
 const MIN_SHARE: f64 = 0.75;
@@ -22,20 +22,23 @@ pub(super) const MIN_ERRORS: f64 = 3.0;
 pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;
 /// Replaces [`MIN_ERRORS`] for lens distortion.
 pub(super) const MIN_ERRORS_OF_LENSES: f64 = 4.0;
-/// An interpretation explains the views well if its mean loss is at most this.
+/// An interpretation explains the views well if the mean loss is at most this.
 const MAX_LEFT: f64 = 0.45;
-/// Views are suspicious, and more interpretations are tried, if their mean loss is at least this.
+/// Views are suspicious, and more interpretations are tried, if the mean loss of the reader's
+/// interpretation is at least this.
 const SUSPICIOUS: f64 = 0.25;
 /// Depth agrees overall if at least this fraction of the depths agree. Valid data reach it even with coarse pixels and
 /// slanted surfaces.
 const MOSTLY_AGREEING: f64 = 0.8;
-/// Depths agree as read if at least this fraction of them do, as in valid data with little motion.
+/// Depths agree under the reader's interpretation if at least this fraction of them agree, as in
+/// valid data with little motion.
 const AGREEING: f64 = 0.9;
-/// If at least [`AGREEING`] of the depths already agree as read, a change is needed only if it raises that fraction by
-/// at least this much, or if the colours require it ([`NEARER_COLOURS`]).
+/// If at least [`AGREEING`] of the depths already agree under the reader's interpretation, a change
+/// is needed only if it raises that fraction by at least this much, or if the colours require it
+/// ([`NEARER_COLOURS`]).
 const MORE_AGREEING: f64 = 0.03;
-/// Where colours alone may show that a change is needed, they do if the change reduces their differences to this
-/// fraction or less.
+/// If colours alone may justify a change, they do so only if the change reduces colour differences
+/// to this fraction or less.
 const NEARER_COLOURS: f64 = 0.9;
 /// A tile of a picture is judged only if at least this many samples lie in it.
 const ENOUGH_IN_TILE: usize = 8;
@@ -54,7 +57,7 @@ pub(super) fn landed(all: &[Explained]) -> usize {
     all.iter().map(Explained::landed).sum()
 }
 
-/// Mean loss of the samples that land; 1, the maximum, if too few do.
+/// if too few do => if too few samples land
 pub(super) fn mean_loss(all: &[Explained]) -> f64 {
     let samples: usize = all.iter().map(|one| one.samples).sum();
     let landed = landed(all);
@@ -79,7 +82,8 @@ pub(super) fn agrees(all: &[Explained]) -> bool {
     forward(all).agreement() >= MOSTLY_AGREEING
 }
 
-/// True if another interpretation makes colours worse, even if depth agrees.
+/// True if another interpretation increases colour differences too much, even if depth agrees
+/// better.
 pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
     let (before, after) = (forward(as_read), forward(other));
     let levels = before.colour_levels().zip(after.colour_levels());
@@ -87,8 +91,9 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
         && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
 }
 
-/// False if depths agree as read and another interpretation hardly improves their agreement: with little motion or few
-/// pixels, such a difference is due to chance. `by_colours`: true if colours alone may show that the change is needed.
+/// False if depths agree under the reader's interpretation (`as_read`) and `other` hardly improves
+/// their agreement: with little motion or few pixels, a small improvement is due to chance.
+/// `by_colours`: true if colours alone may show that the change is needed.
 pub(super) fn is_needed(as_read: &[Explained], other: &[Explained], by_colours: bool) -> bool {
     let [read, other] = [as_read, other].map(forward);
     let levels = read.colour_levels().zip(other.colour_levels());
@@ -98,7 +103,8 @@ pub(super) fn is_needed(as_read: &[Explained], other: &[Explained], by_colours: 
         || levels.is_some_and(|(before, after)| after <= NEARER_COLOURS * before)
 }
 
-/// True if another interpretation explains the same pairs significantly better.
+/// True if another interpretation explains the same pairs of views significantly better than
+/// `as_read`.
 pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: f64) -> bool {
     is_better_by(as_read, other, (least_gain, MIN_ERRORS))
 }

@@ -1,6 +1,6 @@
-//! Consistency of poses, depth and pictures: the depth and the colours of one view, projected into the next by the
-//! poses, must match those of the next. Depth decides if the two views are far apart. If they are close together, depth
-//! agrees under any pose, so colour decides.
+//! Consistency of poses, depth and pictures: the depth and the colours of one view, projected into
+//! the next by the poses, must match those of the next view. Depth decides if the two views are far
+//! apart. If they are close together, depth agrees under any pose, so colour decides.
 
 use serde::Serialize;
 
@@ -11,12 +11,13 @@ const MIN_AGREEING: f64 = 0.3;
 /// Agreement of neighbouring views under one pose convention.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
-    /// How this convention differs from the reader's own; `as read` for the reader's own.
+    /// Text that says how this convention differs from the reader's own; `as read` for the reader's
+    /// own.
     pub convention: &'static str,
     /// Fraction of depth values that agree within 5 %, 0..1.
     pub depth: f64,
-    /// Root mean square colour difference, in 8-bit levels, over the values that land inside the other picture and do
-    /// not meet a different depth; `None` if there are none.
+    /// Root mean square colour difference, in 8-bit levels, over the depth values that land inside
+    /// the other picture, except those that land on a different depth; `None` if there are none.
     pub colour_levels: Option<f64>,
     pub colours: usize,
 }
@@ -24,12 +25,13 @@ pub struct Fit {
 /// Consistency of a scene's poses, depth and pictures, with pictures reduced to a width of at most 256.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Consistency {
-    /// With the poses as interpreted by the reader.
+    /// Fit of the poses as interpreted by the reader.
     pub as_read: Fit,
-    /// With the poses in other conventions that are commonly confused with the reader's.
+    /// Fits of the poses under other conventions that are commonly confused with the reader's.
     pub otherwise: Vec<Fit>,
-    /// Of the depth values that land on a pixel with depth in the other view, the fraction that agree, in the best
-    /// pair. `None` if too few values land there (neighbours that see different things, or sparse depth).
+    /// Fraction of agreeing values among the depth values that land on a pixel with depth in the
+    /// other view, in the best pair. `None` if too few values do (neighbours that see different
+    /// things, or sparse depth).
     pub meeting: Option<f64>,
     /// Number of pairs of views that were examined.
     pub pairs: usize,

@@ -5,9 +5,11 @@ use sharp::camera::RigidTransform;
 
 /// An alternative interpretation of the poses.
 pub(super) struct Convention {
-    /// How this reading differs from the one as read; completes "the poses fit better if read with".
+    /// How this convention differs from the reader's; completes "the poses fit better if read
+    /// with".
     pub(super) name: &'static str,
-    /// Converts a pose as read to the world-to-camera pose under this convention.
+    /// Converts a pose as interpreted by the reader to the world-to-camera pose under this
+    /// convention.
     pub(super) take: Take,
 }
 
@@ -67,7 +69,8 @@ const MIRRORED: [Convention; 8] = [
     ),
 ];
 
-/// Quaternions whose components were read in another order, for world-to-camera and camera-to-world poses.
+/// Quaternions whose components the reader took in the wrong order, for world-to-camera and
+/// camera-to-world poses.
 const REORDERED: [Convention; 4] = [
     of(W_LAST, |pose| world_turned(pose, w_last)),
     of(W_FIRST, |pose| world_turned(pose, w_first)),

@@ -13,11 +13,11 @@ use super::small_view::Sample;
 const MIN_LIMITED: f64 = 0.01;
 /// Depth is judged only if it is known at this many positions or more.
 const ENOUGH_LIMITED: usize = 100;
-/// A point that has the maximum depth in both of two views contradicts the poses if the depth that they predict for it
-/// in the other view differs from the maximum by more than this, relative to the maximum.
+/// A point at the maximum depth in two views contradicts the poses if the depth that these predict
+/// in the other view differs from the maximum by more than this fraction of the maximum.
 const OFF_LIMIT: f64 = 0.002;
-/// The same threshold in quantisation steps of the depth map at its maximum; the larger of [`OFF_LIMIT`] and this
-/// applies.
+/// Like [`OFF_LIMIT`], in quantisation steps of the depth map at its maximum; the larger of the two
+/// thresholds applies.
 const OFF_STEPS: f64 = 2.0;
 /// A map counts as normalised only if its minimum, at the reduced size, is below this.
 const MIN_NORMALISED: f64 = 0.1;
@@ -28,7 +28,8 @@ const MAX_NORMALISED: f64 = 0.9;
 /// maps, the limit is [`TOLERANCE`].
 const OFF_CONSTANT: f64 = 0.01;
 
-/// Number of positions at which both of two views have depth, and the number of these at which it differs.
+/// Number of positions at which two views both have depth, and the number of these positions at
+/// which the depths differ.
 #[derive(Default)]
 struct Met {
     all: usize,

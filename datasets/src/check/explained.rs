@@ -18,7 +18,7 @@ pub(super) enum DepthIs {
     /// Values of a z-buffer, `v · (1 − near / depth)`; holds v, the value at infinite depth. The
     /// resulting depth is in units of the near plane's distance.
     Buffer(f64),
-    /// Too small by this many metres.
+    /// The depth minus this many metres.
     Short(f64),
 }
 
@@ -60,8 +60,9 @@ impl Registration {
         zoom: 1.0,
     };
 
-    /// Depth as read at a place in a view. If the registration leads to a place without depth, the depth at the place
-    /// itself is used: leaving such places out would favour registrations that lead there.
+    /// Depth as read at a place in a view. If the registration leads to a position without depth,
+    /// the unregistered position is used instead: leaving such positions out would favour
+    /// registrations that lead there.
     fn depth_at(&self, view: &SmallView, place: DVec2) -> Option<(f64, DVec2)> {
         if *self == Self::SAME {
             return view.depth_at(place);
@@ -77,17 +78,18 @@ impl Registration {
 /// An alternative interpretation of views, as changes to the dataset reader's interpretation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reading {
-    /// Factor of the poses' translations.
+    /// Factor by which the poses' translations are multiplied.
     pub(super) scale: f64,
     /// Factors of the focal lengths in x and y, for the view that is projected and the other view.
     pub(super) focal: [DVec2; 2],
-    /// Factors of the depths, for the same two views.
+    /// Factors of the depths, for the view that is projected and the other view.
     pub(super) depth_times: [f64; 2],
-    /// Factors of the poses' translations, for the same two views.
+    /// Factors of the poses' translations, for the view that is projected and the other view.
     pub(super) pose_times: [f64; 2],
     /// True if cx and cy are swapped.
     pub(super) centre_swapped: bool,
-    /// Offset of principal points to the right and down from where they were read, in widths of the picture.
+    /// Offset of principal points to the right and down from the values read, in widths of the
+    /// picture.
     pub(super) centre_off: DVec2,
     /// Radial distortion: lenses show a direction with radius r at radius r (1 + bend r²).
     pub(super) bend: f64,
@@ -112,13 +114,14 @@ impl Reading {
         take: |pose| *pose,
     };
 
-    /// Moves a point to the direction in which the lens shows it, at the same z.
+    /// Moves a point to the direction in which the lens shows it; z is kept.
     pub(super) fn bent(&self, point: DVec3) -> DVec3 {
         if self.bend == 0.0 || point.z <= 0.0 {
             return point;
         }
         let true_radius = point.truncate().length() / point.z;
-        // Newton's method; for some points, a strongly distorting lens has no such direction.
+        // Newton's method, stopped after five steps, because a strongly distorting lens shows some
+        // points in no direction.
         let mut seen = true_radius;
         for _ in 0..5 {
             let slope = (1.0 + 3.0 * self.bend * seen * seen).max(0.1);
@@ -138,7 +141,7 @@ impl Reading {
     }
 }
 
-/// Number of tiles that a picture is divided into; their losses are compared separately.
+/// Number of tiles into which a picture is divided, to compare the losses of the tiles separately.
 pub(super) const TILES: usize = 4;
 /// Relative difference in depth at which the loss saturates.
 const DEPTH_SCALE: f64 = 0.1;
@@ -151,8 +154,8 @@ const MIN_COMPARED: usize = 200;
 /// Depths agree if their relative difference is at most this.
 pub(super) const TOLERANCE: f64 = 0.05;
 
-/// Number of samples in a chunk. Each step of the comparison runs for a whole chunk before the next step starts, so that a
-/// mispredicted branch costs the time of one step instead of that of all.
+/// Number of samples in a chunk. Each step of the comparison runs for a whole chunk before the next
+/// step starts, so that a mispredicted branch costs the time of one step instead of all steps.
 const CHUNK: usize = 64;
 
 /// A sample that lands inside the other view.
@@ -164,11 +167,11 @@ struct Landing {
     z: f64,
     tile: usize,
     colour: [f32; 3],
-    /// Loss of its depth, if the other view has depth there.
+    /// Loss of the sample's depth; `None` if the other view has no depth at `place`.
     by_depth: Option<f64>,
 }
 
-/// Statistics of one view's samples in another view.
+/// Statistics on how well the samples of one view, projected into another view, match it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Explained {
     pub(super) samples: usize,
@@ -181,14 +184,14 @@ pub(super) struct Explained {
     agreeing: usize,
     /// Number of samples whose colours were compared.
     pub(super) compared: usize,
-    /// Sum of the squared colour differences of these samples.
+    /// Sum of squared colour differences of the `compared` samples.
     pub(super) squares: f64,
-    /// Sums of the squared levels of these samples, in their own view and in the other.
+    /// Sums of squared levels of the `compared` samples, in their own view and in the other view.
     levels: [f64; 2],
 }
 
 impl Explained {
-    /// Projects samples of `a`, every `stride`-th of them, into `b`.
+    /// Projects every `stride`-th sample of `a` into `b`.
     pub(super) fn new(
         (a, samples): (&SmallView, &[Sample]),
         b: &SmallView,
@@ -265,9 +268,10 @@ impl Explained {
         explained
     }
 
-    /// Compares the depths of samples that land in `b`, and adds the loss of those at which it is saturated. Moves the
-    /// others, whose loss also depends on colours, to the front of `landings`, and returns their number. `b` comes with
-    /// its camera and its factor of depth, both under `reading`.
+    /// Compares the depths of samples that land in `b`, and adds their loss where it is saturated.
+    /// Moves the other landings, whose loss also depends on colours, to the front of `landings`,
+    /// and returns their number. `camera_b` and the depth factor `times_b` are those of `b` under
+    /// `reading`.
     fn compare_depths(
         &mut self,
         landings: &mut [Landing],
@@ -342,18 +346,19 @@ impl Explained {
         }
     }
 
-    /// Fraction of all samples whose depth agrees with that of the other view.
+    /// Fraction of all samples whose depth agrees with the other view's depth.
     pub(super) fn agreement(&self) -> f64 {
         self.agreeing as f64 / self.samples.max(1) as f64
     }
 
-    /// Root mean square difference of colours, in levels; `None` if none were compared.
+    /// Root mean square difference of colours, in levels; `None` if no colours were compared.
     pub(super) fn colour_levels(&self) -> Option<f64> {
         (self.compared > 0).then(|| (self.squares / (3 * self.compared) as f64).sqrt())
     }
 
-    /// The factor from this view's levels to the other's that fits best, and the root mean square difference of colours
-    /// once it is applied, in levels; `None` if too few colours were compared.
+    /// The best-fitting factor from this view's levels to the other view's, and the root mean
+    /// square colour difference after applying it, in levels; `None` if too few colours were
+    /// compared.
     pub(super) fn exposure(&self) -> Option<(f64, f64)> {
         let [own, other] = self.levels;
         let mixed = (own + other - self.squares) / 2.0;
@@ -367,7 +372,7 @@ impl Explained {
         self.met > 0
     }
 
-    /// Fraction of agreeing depths among the samples that land on a pixel with depth; `None` if too few do.
+    /// if too few do => if too few samples land there
     pub(super) fn agreeing_where_met(&self) -> Option<f64> {
         let enough = self.met > 0 && self.met as f64 >= ENOUGH * self.samples as f64;
         enough.then(|| self.agreeing as f64 / self.met as f64)

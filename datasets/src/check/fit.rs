@@ -22,19 +22,23 @@ const CENTRES: i32 = 10;
 /// Ratio between consecutive factors in the search for the principal point, which reuses the search for factors: a
 /// factor f stands for an offset of ln(f) / 10 widths of the picture.
 const CENTRE_STEP: f64 = 1.12;
-/// Maximum number of searches per axis. If a search ends at the end of its range, another one starts there.
+/// Maximum number of searches per axis. If the best value is at the end of the searched range,
+/// another search starts there.
 const CENTRE_SEARCHES: usize = 3;
-/// Smaller offsets of a principal point are not reported, in widths.
+/// Smallest reported offset of a principal point, in widths of the picture.
 const MIN_OFF: f64 = 0.004;
 
-/// Colour differences count as explained if they are at most this fraction of those between unrelated places.
+/// Colour differences count as explained if they are at most this fraction of the differences
+/// between unrelated places.
 const MAX_EXPLAINED_COLOURS: f64 = 0.8;
-/// Colour differences above [`MAX_EXPLAINED_COLOURS`] count as explained only if they are at most this fraction of
-/// those as read.
+/// Colour differences above [`MAX_EXPLAINED_COLOURS`] count as explained only if they are at most
+/// this fraction of the differences under the reader's interpretation.
 const MAX_COLOURS_LEFT: f64 = 0.75;
-/// Colour differences above this multiple of those between unrelated places are never explained.
+/// Colour differences above this multiple of the differences between unrelated places are never
+/// explained.
 const MAX_COLOURS: f64 = 1.0;
-/// If more than this fraction of the loss remains, rounded poses are the more likely cause.
+/// If more than this fraction of the loss remains after a change, rounded poses are considered a
+/// likelier cause than the error that the change corrects.
 const MAX_LOSS_LEFT: f64 = 0.75;
 /// A factor of fx or fy alone is large if it is above this, or below the reciprocal of this.
 const LARGE_FACTOR: f64 = 1.25;
@@ -45,7 +49,7 @@ const MAX_LEFT_BY_LARGE_FACTOR: f64 = 0.6;
 const COARSE_SAMPLES: usize = 600;
 /// Samples per view in the fine part of a search for a factor, for a quick check.
 const FINE_SAMPLES: usize = 800;
-/// Like [`FINE_SAMPLES`], for a thorough check, whose factors are more exact.
+/// Like [`FINE_SAMPLES`], for a thorough check, which determines factors more exactly.
 const THOROUGH_SAMPLES: usize = 3000;
 
 impl Neighbours<'_> {
@@ -132,7 +136,8 @@ impl Neighbours<'_> {
         all.extend(self.turned());
         all.extend(self.flipped());
         all.extend(self.registered(&as_read));
-        // If depths agree as read, an interpretation must also be better than one without any motion.
+        // If depths agree under the reader's interpretation, another one must also be better than
+        // the assumption of no motion.
         let still = Reading {
             scale: 0.0,
             ..Reading::AS_READ
@@ -154,7 +159,8 @@ impl Neighbours<'_> {
         let is_poor = simple.is_some()
             || is_suspicious(&as_read)
             || self.unexplained(&as_read) > MAX_EXPLAINED_COLOURS;
-        // The following changes have more degrees of freedom, so they must also be better than the simpler ones.
+        // The following changes have more degrees of freedom, so they must also be better than the
+        // simpler changes above.
         let complex = self
             .some_views()
             .into_iter()
@@ -176,7 +182,8 @@ impl Neighbours<'_> {
         })
     }
 
-    /// Describes the contradiction, if there is one.
+    /// Describes a contradiction between the views' poses, cameras, depth and pictures; `None` if
+    /// there is none.
     pub(super) fn contradictions(&self, units: Units) -> Option<String> {
         let median_m = self.median_depth();
         let values = self.normalised(units).or_else(|| self.limited());
@@ -213,8 +220,8 @@ impl Neighbours<'_> {
         }
     }
 
-    /// False if another interpretation hardly reduces the colour differences and the pictures still look unrelated.
-    /// Then it does not correct the error, or not the only error.
+    /// False if another interpretation hardly reduces the colour differences and the pictures still
+    /// look unrelated. In that case the change corrects a wrong error, or only one of several.
     fn mends(&self, change: &Change, as_read: &[Explained], other: &[Explained]) -> bool {
         let (before, after) = (self.unexplained(as_read), self.unexplained(other));
         match change {
@@ -230,7 +237,8 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Tries depth that was normalised between two distances, which changes its offset and its unit.
+    /// Tries depth that was normalised to a range between two distances, i.e. has another offset
+    /// and another unit.
     fn between_planes(&self) -> (Change, Vec<Explained>) {
         let median_m = self.median_depth();
         let short = |factor: f64| (factor - 1.0) * median_m;
@@ -255,7 +263,7 @@ impl Neighbours<'_> {
         (change, self.explained(&reading, self.stride))
     }
 
-    /// Tries swapping the focal lengths of two kinds of views.
+    /// If the views have exactly two focal lengths, tries swapping them.
     fn swapped_cameras(&self) -> Option<(Change, Vec<Explained>)> {
         let (text, factors) = swapped_focals(self.views)?;
         let carries = self.carries.iter().map(|(a, b)| {
@@ -272,7 +280,8 @@ impl Neighbours<'_> {
         Some((Change::Cameras(text), carries.collect()))
     }
 
-    /// Tries the other interpretation of the pictures' EXIF orientation, if that also fits their cameras.
+    /// Tries the other treatment of the pictures' EXIF orientation, if pictures treated in that way
+    /// also fit their cameras.
     fn turned(&self) -> Option<(Change, Vec<Explained>)> {
         let mut setting = None;
         let explained = self.with(&mut |i, _| {
@@ -322,7 +331,8 @@ impl Neighbours<'_> {
         }
     }
 
-    /// The factor whose reading, `with(factor)`, has the least loss; tries factors as [`least`] does.
+    /// The factor for which the interpretation `with(factor)` has the least loss; tries factors as
+    /// [`least`] does.
     pub(super) fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
         let coarse = self.stride_of(COARSE_SAMPLES).max(4 * self.stride);
         let fine = self.stride_of(if self.thorough {

@@ -9,10 +9,11 @@ use super::small_view::WIDEST;
 /// Depth contradicts a pair of views if the median distance of matches from their predicted places is at least this, in
 /// reduced pixels, and few matches are close to these places ([`MAX_CLOSE`]). Consistent scenes have medians below 1.
 const MIN_MISS: f64 = 2.5;
-/// In such a pair, at most this fraction of the matches are within [`CLOSE`] of their predicted places. Consistent
-/// scenes have fractions above 0.8.
+/// A pair of views whose matches miss by [`MIN_MISS`] has at most this fraction of its matches
+/// within [`CLOSE`] of their predicted places. Consistent scenes have fractions above 0.8.
 const MAX_CLOSE: f64 = 0.35;
-/// A match is close to its predicted place if their distance is below this, in reduced pixels.
+/// A match is close to its predicted place if it is within this distance of that place, in reduced
+/// pixels.
 const CLOSE: f64 = 2.0;
 /// Poses and pictures contradict each other if at most this fraction of the matches are near their epipolar lines. Even
 /// the lines of unrelated poses pass near some matches.
@@ -54,8 +55,8 @@ impl Residual {
         self.on_lines as f64 >= MIN_ON_LINES * self.matches as f64
     }
 
-    /// Median distance of matches from their predicted places; `None` if there are too few matches, or if they do not
-    /// contradict depth.
+    /// Median distance of matches from their predicted places; `None` if there are too few matches,
+    /// or if the matches do not contradict depth.
     fn misses_by(&self) -> Option<f64> {
         let n = self.misses.len();
         let median = *self.misses.get(n / 2).filter(|_| n >= MIN_MATCHES)?;

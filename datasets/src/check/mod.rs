@@ -58,7 +58,7 @@ use neighbours::Neighbours;
 pub struct DatasetReport {
     pub dataset: String,
     pub readings: Vec<SettingInForce>,
-    /// In the order of the dataset reader.
+    /// Scenes in the order in which the dataset reader returns them.
     pub scenes: Vec<SceneReport>,
     /// Scenes that are broken or incomplete: one line per reason, which names the file.
     pub unreadable: Vec<String>,
@@ -88,12 +88,12 @@ pub struct SceneReport {
     pub problems: Vec<String>,
 }
 
-/// Opens a dataset and checks every scene. At most `views_per_scene` views per scene are decoded, evenly spaced; for
-/// the others, only the existence of their files is checked. `done` is called after each scene with the number of
-/// finished scenes and the total.
+/// Opens a dataset and checks every scene. At most `views_per_scene` views per scene are decoded,
+/// evenly spaced; for all other views, only the existence of the files is checked. `done` is called
+/// after each scene with the number of finished scenes and the total.
 ///
 /// # Errors
-/// If the dataset cannot be opened at all; everything else is in the report.
+/// If the dataset cannot be opened at all; all other errors are in the report.
 pub fn check(
     spec: &DatasetSpec,
     views_per_scene: usize,
@@ -187,7 +187,7 @@ pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
     match scene.pairing {
         Pairing::Stereo { source, target } => BTreeSet::from([source, target]),
         _ => orders::neighbours(scene.views.len(), QUICK)
-            // Includes the view before each pair and the one after it.
+            // Includes the view before each pair and the view after it.
             .flat_map(|i| i.saturating_sub(1)..(i + 3).min(scene.views.len()))
             .collect(),
     }
@@ -229,7 +229,8 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let is_known = overflowed.is_some() || plausible::are_of_other_size(&scene.views);
     contradictions.extend(overflowed);
     contradictions.extend(match (&scene.pairing, &neighbours) {
-        // Either of these errors also makes the following tests fail, so they would prove nothing.
+        // Either of these errors also makes the following tests fail, so that their failure would
+        // prove nothing.
         _ if is_known => None,
         (Pairing::Stereo { .. }, _) => {
             let (contradiction, said) = stereo::contradictions(&scene.views, effort);

@@ -35,9 +35,9 @@ pub(super) struct Neighbours<'a> {
     pub(super) small: BTreeMap<usize, (SmallView, Vec<Sample>)>,
     /// True if depth belongs to the pose rather than the picture.
     pub(super) depth_by_pose: bool,
-    /// Surrounding views, for tests of their depth with other pictures.
+    /// Views around the examined ones, whose depth is tested with other views' pictures.
     pub(super) around: BTreeMap<usize, SmallView>,
-    /// Projections as pairs of indices (from, to): from a view to its neighbour, then back.
+    /// Pairs of view indices (from, to) for projections: each view to its neighbour, and back.
     pub(super) carries: Vec<(usize, usize)>,
     pub(super) stride: usize,
     pub(super) thorough: bool,
@@ -93,7 +93,7 @@ impl<'a> Neighbours<'a> {
         most.unwrap_or(0).div_ceil(samples).max(self.stride)
     }
 
-    /// Median of the depths as read, in metres.
+    /// Median of the depths under the reader's interpretation, in metres.
     pub(super) fn median_depth(&self) -> f64 {
         let all = self.small.values().flat_map(|(_, samples)| samples);
         let mut all: Vec<f64> = all.map(|sample| sample.depth).collect();
@@ -101,7 +101,7 @@ impl<'a> Neighbours<'a> {
         all.get(all.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// Consistency of the views, as read and under other pose conventions.
+    /// Consistency of the views under the reader's interpretation and under other pose conventions.
     pub(super) fn consistency(&self) -> Option<Consistency> {
         let mut meeting: Option<f64> = None;
         let mut fits = CONVENTIONS.iter().map(|convention| {
@@ -152,7 +152,8 @@ impl<'a> Neighbours<'a> {
         Explained::new((from, samples), to, (pose_a, pose_b), reading, stride)
     }
 
-    /// Evaluates the projections with each view replaced by `other(index, view)`, or unchanged where that is `None`.
+    /// Evaluates the projections with each view replaced by `other(index, view)`, or unchanged if
+    /// `other` returns `None`.
     pub(super) fn with(
         &self,
         other: &mut dyn FnMut(usize, &SmallView) -> Option<SmallView>,
@@ -195,9 +196,10 @@ impl<'a> Neighbours<'a> {
             })
     }
 
-    /// Projects the place `from` in view `i` into the next view, by depth and poses, and returns its distance from the
-    /// place `to` there, in reduced pixels. `None` if the first place has no depth. Each place is given in pixels of
-    /// the camera next to it, whose size may differ from that of the reduced view.
+    /// Projects the place `from` in view `i` into the next view, by depth and poses, and returns
+    /// its distance from the place `to` there, in reduced pixels. `None` if `from` has no depth.
+    /// `from` is in pixels of `camera`, and `to` in pixels of `next_camera`; their sizes may differ
+    /// from the reduced views'.
     pub(super) fn miss(
         &self,
         (i, camera, from): (usize, &Intrinsics, DVec2),
@@ -239,7 +241,7 @@ impl<'a> Neighbours<'a> {
         ))
     }
 
-    /// Mean fraction of pixels that masks exclude; `None` if it is at most half.
+    /// Mean fraction of pixels that masks exclude; `None` if this fraction is at most half.
     pub(super) fn excluded(&self) -> Option<f64> {
         let is_masked = |i: &usize| self.views[*i].content.processing().masked;
         let masked = self.small.iter().filter(|(i, _)| is_masked(i));
@@ -295,7 +297,7 @@ impl<'a> Neighbours<'a> {
         })
     }
 
-    /// Reports a single-coloured picture among those read.
+    /// Reports a picture of a single colour among the views read.
     pub(super) fn blank(&self) -> Option<String> {
         let around = self.around.iter();
         let all = self.small.iter().map(|(i, read)| (i, &read.0));

@@ -25,7 +25,7 @@ const REACH: usize = 2;
 /// Samples per view in the search for a depth factor and a pose.
 const SEARCH_SAMPLES: usize = 1000;
 
-/// A view with the samples of its depth, and its pose.
+/// A view, the samples of its depth, and its pose.
 #[derive(Clone)]
 struct Posed {
     view: SmallView,
@@ -51,8 +51,9 @@ impl Posed {
 }
 
 impl Neighbours<'_> {
-    /// Changes of a single view that make it fit its neighbours significantly better, and nearly as well as these fit
-    /// each other ([`MAX_LEFT`]). Each comes with its effect on the projections.
+    /// Changes of a single view that make it fit its neighbours significantly better, and nearly as
+    /// well as the neighbours fit each other ([`MAX_LEFT`]). Each change comes with the statistics
+    /// of all projections after it.
     pub(super) fn one_view(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
         let pose = |i: usize| self.views[i].camera_from_world;
         let small = self.small.iter().map(|(i, read)| (*i, &read.0));
@@ -133,7 +134,7 @@ impl Neighbours<'_> {
         changed
     }
 
-    /// The view with the position and rotation that fit the others best.
+    /// The view with the position and rotation that best fit the surrounding views.
     fn moved(&self, own: &Posed, loss: &dyn Fn(&Posed) -> f64) -> Option<(String, Posed)> {
         let median_m = self.median_depth();
         let steps = (0..12).map(|i| {

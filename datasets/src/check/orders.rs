@@ -29,7 +29,7 @@ const SAMPLES_ELSEWHERE: usize = 500;
 
 type Read<'a> = Cow<'a, (SmallView, Vec<Sample>)>;
 
-/// For each view, the view whose picture, depth or pose it receives; `None` if there is none.
+/// For each view, the view whose picture, depth or pose it receives; `None` if it receives none.
 pub(super) type Assignment = Box<dyn Fn(usize) -> Option<usize>>;
 
 /// Indices of the first view of each pair of neighbours that is examined.
@@ -37,9 +37,10 @@ pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = u
     evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
 }
 
-/// Assignments that result from common mistakes, with descriptions: shifts starting at one of `starts`, reverse order,
-/// lexicographic instead of numeric order, and the `swapped` pairs. `noun` names what is assigned to the pictures. Each
-/// comes with the minimum number of neighbouring pairs that it must explain better to be reported.
+/// Assignments that result from common mistakes, with descriptions: shifts starting at one of
+/// `starts`, reverse order, lexicographic instead of numeric order, and the `swapped` pairs. `noun`
+/// names the parts that are assigned to the pictures. Each assignment comes with the minimum number
+/// of neighbouring pairs that it must explain better to be reported.
 pub(super) fn orders(
     views: &[View],
     starts: &BTreeSet<usize>,
@@ -119,7 +120,8 @@ pub(super) fn thinned(views: &[View], noun: &str) -> Vec<(String, Assignment, us
     all.collect()
 }
 
-/// True if no picture has two poses and no pose two pictures. Each pair is a picture and its pose.
+/// True if no picture has two poses and no two pictures share a pose. Each pair is a picture and
+/// its pose.
 pub(super) fn is_one_to_one(assigned: &[(usize, usize)]) -> bool {
     assigned.iter().all(|one| {
         let mut others = assigned.iter();
@@ -150,7 +152,8 @@ impl Neighbours<'_> {
             }
             for (text, of, _) in thinned(self.views, moves.noun()) {
                 let explained = self.in_order(as_read, &*of, moves);
-                // A picture beyond the last pose cannot be evaluated. If it fits its own pose, this order is wrong.
+                // A picture beyond the last pose cannot be evaluated. If such a picture fits its
+                // own pose, this order is wrong.
                 let fits = |(one, read): (&Option<Explained>, &Explained)| {
                     one.is_none() && !is_suspicious(&[*read])
                 };
@@ -173,7 +176,7 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Pairs of views whose swap is tried: both were read, and at least one is projected.
+    /// Pairs of views whose swap is tried: both views were read, and at least one is projected.
     fn swaps(&self) -> Vec<(usize, usize)> {
         if !self.thorough {
             return Vec::new();
@@ -255,7 +258,7 @@ impl Neighbours<'_> {
         view.with_depth_of(other).map(Cow::Owned)
     }
 
-    /// The view of [`Self::shown_view`], with the samples of its depth.
+    /// Like [`Self::shown_view`], with the samples of the view's depth.
     fn shown(&self, i: usize, from: usize, moves: Moves) -> Option<Read<'_>> {
         Some(match self.shown_view(i, from, moves)? {
             Cow::Borrowed(_) => Cow::Borrowed(&self.small[&i]),
@@ -266,8 +269,9 @@ impl Neighbours<'_> {
         })
     }
 
-    /// Evaluates each projection as if the parts `moves` of picture i came from view `of(i)`. `None` if there is no such
-    /// view for one of the projection's pictures, or if it is the same view for both.
+    /// Evaluates each projection as if the parts `moves` of picture i came from view `of(i)`.
+    /// `None` if `of` returns no view for one of the projection's two pictures, or the same view
+    /// for both.
     fn in_order(
         &self,
         as_read: &[Explained],
@@ -285,7 +289,7 @@ impl Neighbours<'_> {
                 return Some(*read);
             }
             let poses = (pose(*a)?, pose(*b)?);
-            // Two views that get the parts of one and the same view agree in any case.
+            // Two views that receive the parts of the same view agree under any poses.
             if from.0 == from.1 {
                 return None;
             }

@@ -18,8 +18,9 @@ const OFF_CENTRE: f64 = 0.245;
 /// picture.
 const MIDDLE: f64 = 0.03;
 
-/// Detects principal points that are centred only if x and y are swapped, in all views. One crop may have such a
-/// point by chance, but several different crops will not.
+/// Detects principal points that are centred only if x and y are swapped, in all views. The
+/// principal point of one crop may have this property by chance, but not those of several different
+/// crops.
 fn swapped_centres(views: &[View]) -> Option<String> {
     let is_swapped = |view: &View| {
         let k = &view.intrinsics;
@@ -57,8 +58,9 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
     })
 }
 
-/// The size of the pictures for which a camera seems to be calibrated, as a factor of its own size; `None` if it fits
-/// its own. Another size is assumed if the principal point is far off the centre by the same factor in both directions.
+/// Ratio of the picture size for which a camera seems to be calibrated to the camera's own size;
+/// `None` if the camera fits its own size. Another size is assumed if the principal point is far
+/// off the centre by the same factor in both directions.
 fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;
@@ -66,7 +68,7 @@ fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     (is_one && (times - 1.0).abs() > 2.0 * OFF_CENTRE).then_some(times)
 }
 
-/// True if all cameras seem to be calibrated for pictures of another size.
+/// True if all cameras seem to be calibrated for pictures of a size other than their own.
 pub(super) fn are_of_other_size(views: &[View]) -> bool {
     views
         .iter()
@@ -140,7 +142,7 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
 pub(super) const ONE_ROTATION: &str = "all views have the same rotation, which does not fit the pictures; perhaps the \
                                        rotations were lost";
 
-/// True if there are at least three views and all look in the same direction.
+/// True if there are at least three views and all of them look in the same direction.
 pub(super) fn have_one_rotation(views: &[View]) -> bool {
     let rotation = |view: &View| view.camera_from_world.rotation;
     let is_first = |view: &View| rotation(view).abs_diff_eq(rotation(&views[0]), 1e-6);
@@ -153,8 +155,8 @@ const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 const OFF_STEP: f64 = 1e-3;
 /// Rounding is judged only if at least this many coordinates of the positions are not 0.
 const MIN_COORDINATES: usize = 3;
-/// A step is reported only if it is at least this fraction of the median distance between neighbouring views; a smaller
-/// one matters little.
+/// A step is reported only if it is at least this fraction of the median distance between
+/// neighbouring views; smaller rounding matters little.
 const MIN_STEP: f64 = 0.02;
 
 /// Text to append to a contradiction without a known cause if the poses seem to have been rounded.
@@ -187,7 +189,7 @@ pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
     })
 }
 
-/// A sentence on the median depth, in metres, if it is implausible.
+/// Describes the median depth, in metres, if it is implausible.
 pub(super) fn depth(median_m: f64, units: Units) -> Option<String> {
     (median_m > 0.0 && !DEPTHS_M.contains(&median_m)).then(|| {
         format!(

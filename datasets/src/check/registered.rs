@@ -8,27 +8,27 @@ use super::explained::{Explained, Reading, Registration};
 use super::neighbours::Neighbours;
 use super::search::is_reportable;
 
-/// Offset that is tried first, in widths of the picture. If neither this offset nor [`PROBED_ZOOM`] fits better than
-/// the depth maps as read, these count as aligned with the photographs, and no search follows.
+/// Offset that is tried first, in widths of the picture. If neither this offset nor [`PROBED_ZOOM`]
+/// improves the fit, the depth maps count as aligned with the photographs, and no search follows.
 const PROBE: f64 = 0.02;
 /// Magnification that is tried first.
 const PROBED_ZOOM: f64 = 1.1;
 /// Number of steps in the search for the offset, then the ratio between consecutive factors. An offset is a tenth of
 /// the logarithm of its factor, in widths.
 const OFFSETS: (i32, f64) = (10, 1.12);
-/// Number of steps in the search for the magnification, then the ratio between them.
+/// Number of steps in the search for the magnification, then the ratio between consecutive
+/// magnifications.
 const ZOOMS: (i32, f64) = (12, 1.035);
-/// Smaller offsets are not reported, in widths.
+/// Smallest reported offset, in widths of the picture.
 const MIN_OFF: f64 = 0.008;
-/// Maximum offset along an axis, in widths.
+/// Maximum offset along an axis, in widths of the picture.
 const MAX_OFF: f64 = 0.12;
 /// Maximum magnification, and maximum reduction, of a depth map.
 const MAX_ZOOM: f64 = 1.6;
-/// A registration is accepted only if colour differences fall to at most this fraction of those as read. Only colours
-/// show that depth belongs elsewhere.
+/// A registration is accepted only if it reduces colour differences to at most this fraction. Only
+/// colours show that a depth map is misplaced.
 const MAX_LEFT: f64 = 0.9;
-/// A registration is accepted only if the remaining colour differences are at most this fraction of those between
-/// unrelated places.
+/// of those between => of the differences between
 const MAX_UNEXPLAINED: f64 = 0.75;
 
 const fn with(depth_at: Registration) -> Reading {
@@ -53,8 +53,8 @@ fn zoomed(by: Registration, factor: f64) -> Registration {
 }
 
 impl Neighbours<'_> {
-    /// The shift and magnification with which depth maps fit the pictures best; `None` if the maps fit no better than
-    /// as read.
+    /// The shift and magnification with which depth maps fit the pictures best; `None` if no change
+    /// improves the fit.
     pub(super) fn registered(&self, as_read: &[Explained]) -> Option<(Change, Vec<Explained>)> {
         if self.depth_by_pose {
             return None;

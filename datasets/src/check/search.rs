@@ -7,8 +7,9 @@ pub(super) fn is_reportable(factor: f64) -> bool {
     factor.ln().abs() > MIN_FACTOR.ln()
 }
 
-/// The factor with the least loss: tries `step`^-n … `step`^n, then factors in between, and rounds the result if that
-/// is as good. The second argument of `loss` is true during the coarse search.
+/// The factor with the least loss: tries `step`^-n … `step`^n, then factors in between, and rounds
+/// the best factor if the rounded one is as good. The second argument of `loss` is true during the
+/// coarse search.
 pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
     let coarse = (-n..=n).map(|i| step.powi(i));
     let coarse = coarse.map(|factor| (loss(factor, true), factor));
@@ -43,8 +44,8 @@ pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
     }
 }
 
-/// Rounds to a whole number of one digit, 1.25, 1.5 or 2.5, times a power of ten, if that is within 1 %. Otherwise,
-/// rounds to three digits.
+/// Rounds to a whole number of one digit, 1.25, 1.5 or 2.5, times a power of ten, if the result is
+/// within 1 % of the factor. Otherwise, rounds to three digits.
 fn rounded(factor: f64) -> f64 {
     let power = 10_f64.powf(factor.log10().floor());
     let round = [

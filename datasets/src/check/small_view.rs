@@ -15,7 +15,7 @@ pub(super) const WIDEST: u32 = 256;
 /// Distance, in reduced pixels, at which colours count as unrelated.
 const APART: usize = 8;
 
-/// The part of a view that is flipped separately.
+/// The part of a view that is flipped; the other part stays as it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Part {
     Picture,
@@ -29,13 +29,13 @@ pub(super) const FLIPS: [((bool, bool), &str); 3] = [
     ((true, true), "turned by 180 degrees"),
 ];
 
-/// A reduced view with its pixels.
+/// A view's camera, picture and depth at reduced size.
 #[derive(Debug, Clone)]
 pub(super) struct SmallView {
     pub(super) camera: Intrinsics,
     /// Block means in 8-bit levels; `None` if a mask excludes a pixel of the block.
     colours: Arc<[Option<[f32; 3]>]>,
-    /// Depth as read; 0 for none. Empty if the view has no depth.
+    /// Depth under the reader's interpretation; 0 where unknown. Empty if the view has no depth.
     depth: Arc<[f32]>,
 }
 
@@ -239,7 +239,7 @@ impl SmallView {
         self.depth.iter().any(|z| *z > 0.0)
     }
 
-    /// Pixels with depth: position, depth as read, and colour.
+    /// Pixels with depth: position, depth under the reader's interpretation, and colour.
     pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
         let pixels =
             (0..self.camera.height).flat_map(|y| (0..self.camera.width).map(move |x| (x, y)));
@@ -254,7 +254,8 @@ impl SmallView {
         })
     }
 
-    /// Depth as read of the pixel that contains `place`, and the pixel's centre. `None` if that pixel has no depth.
+    /// Depth of the pixel that contains `place`, under the reader's interpretation, and the pixel's
+    /// centre. `None` if that pixel has no depth.
     pub(super) fn depth_at(&self, place: DVec2) -> Option<(f64, DVec2)> {
         let (x, y) = (place.x as u32, place.y as u32);
         let z = *self.depth.get(self.index(x, y))?;

@@ -1,4 +1,5 @@
-//! Detection of views whose focal length, depth or pose unit differs from that of the others by a common factor.
+//! Detection of views whose focal length, depth or pose unit differs from the other views' by a
+//! common factor.
 
 use std::collections::BTreeMap;
 
@@ -31,8 +32,9 @@ const QUANTITIES: [Quantity; 3] = [
     }),
 ];
 
-/// Applying a factor to some views is equivalent to applying its inverse to all others. A message also names the others
-/// as an alternative if correcting them leaves at most this multiple of the least loss.
+/// Applying a factor to some views is equivalent to applying its inverse to all others. A message
+/// names a correction of the others as an alternative if it leaves at most this multiple of the
+/// least loss.
 const MAX_LOSS_OF_ALTERNATIVE: f64 = 1.1;
 /// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;
@@ -42,8 +44,8 @@ const SAMPLES: usize = 400;
 type Choices<'a> = [&'a [Explained]; 4];
 
 impl Neighbours<'_> {
-    /// The factors that explain the views best, and the views that they apply to; each with its effect on the
-    /// projections.
+    /// For each quantity, the factor that explains the views best and the views to which it
+    /// applies, with the statistics of the projections after the change.
     pub(super) fn some_views(&self) -> Vec<(Change, Vec<Explained>)> {
         let found = QUANTITIES
             .iter()
@@ -94,8 +96,8 @@ impl Neighbours<'_> {
         let its = if views.len() == 1 { "its" } else { "their" };
         let said = evidence(&forward(&as_read[1]), &forward(&explained));
         let [times, inverse] = [factor, 1.0 / factor].map(number);
-        // If no projection connects these views with others, a factor of depth is equivalent to the inverse factor of
-        // poses.
+        // If no projection connects views with the factor to views without it, a factor of depth is
+        // equivalent to the inverse factor of poses.
         let has = |view: &usize| views.contains(view);
         let or = match self.carries.iter().all(|(a, b)| has(a) == has(b)) {
             true if *what == DEPTH => format!(", or {its} {TRANSLATION} by {inverse}"),
@@ -107,7 +109,8 @@ impl Neighbours<'_> {
         Some((Change::Views(sentence), explained))
     }
 
-    /// These views and those around them, with every pair of neighbours; `None` if there are no others.
+    /// These views and those around them, with every pair of neighbours; `None` if there are no
+    /// views around them.
     fn wider(&self) -> Option<Self> {
         let around = self.around.iter().filter(|(_, view)| view.has_depth());
         let around = around.map(|(i, view)| (*i, (view.clone(), view.samples().collect())));

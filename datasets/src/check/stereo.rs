@@ -24,20 +24,23 @@ const BANDS: u32 = 4;
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 /// Disparities are tested with offsets of up to this value in both directions, in pixels of the reduced size.
 const OFFSETS: i32 = 40;
-/// Smaller offsets of disparities are not reported, in pixels of the photograph.
+/// Smallest reported offset of disparities, in pixels of the photograph.
 const MIN_OFFSET: f64 = 2.0;
 
-/// Middle of the units tested for depth maps stored as disparities, in metres.
+/// Centre of the range of depth units tested in case the disparity map holds depth, in metres per
+/// unit.
 const MIDDLE_UNIT_M: f64 = 0.03;
-/// Number of units tested in either direction, then the ratio between them: from 0.1 mm to 10 m. A larger step would
-/// change disparities by too many pixels where the principal points differ much.
+/// Number of units tested in either direction, then the ratio between consecutive units: from 0.1
+/// mm to 10 m. A larger step would change disparities by too many pixels where the principal points
+/// differ much.
 const UNITS: (i32, f64) = (195, 1.03);
 /// Number of rotations of the right picture that are tested in either direction.
 const SLOPES: i32 = 14;
 /// Step between tested rotations, as a slope; about 0.2 degrees.
 const SLOPE: f64 = 0.0035;
 
-/// The contradiction between a left and a right view, if any, and a note on a pair without disparity.
+/// A description of the contradiction between a left and a right view, if any; then a note if the
+/// pair has no disparity.
 pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>, Option<String>) {
     let [left, right] = views else {
         return (None, None);
@@ -140,13 +143,13 @@ fn median_depth(view: &SmallView) -> Option<f64> {
     depths.get(depths.len() / 2).copied()
 }
 
-/// Two pictures with the disparity of the left one.
+/// disparity of the left one => disparity of the left picture
 struct Pair {
     left: SmallView,
     right: SmallView,
     /// Samples with disparities instead of depths.
     samples: Vec<Sample>,
-    /// True if the poses are rectified; only then is a point in the same row of both pictures.
+    /// True if the poses are rectified, so that a point is in the same row of both pictures.
     is_rectified: bool,
 }
 
@@ -176,8 +179,8 @@ impl Pair {
         })
     }
 
-    /// Evaluates how well one picture matches the other at disparities converted by `disparity`
-    /// from those as read.
+    /// Evaluates how well one picture matches the other at the disparities that `disparity`
+    /// computes from the stored ones.
     fn explained(
         &self,
         (from, to): (&SmallView, &SmallView),
@@ -222,7 +225,8 @@ impl Pair {
         bands
     }
 
-    /// Compares blocks with [`block_match::mismatch`], at the disparities that `disparity` computes from those as read.
+    /// Compares blocks with [`block_match::mismatch`], at the disparities that `disparity` computes
+    /// from the stored ones.
     fn mismatch(&self, disparity: &dyn Fn(f64) -> f64) -> Option<String> {
         let [left, right] = [&self.left, &self.right].map(|view| view.clone().grey());
         let samples = self.samples.iter().map(|sample| Sample {
@@ -232,9 +236,10 @@ impl Pair {
         block_match::mismatch(&left, &right, &samples.collect::<Vec<_>>())
     }
 
-    /// A sentence on the interpretation that explains the pictures significantly better than the pair as read, if any.
-    /// `flipped` are pairs with flipped disparities; `full` is the photographs' size relative to the reduced ones.
-    /// `has_unit` is true if a setting gives the disparities' unit.
+    /// A sentence on the interpretation that explains the pictures significantly better than the
+    /// reader's own, if any. `flipped` are pairs with flipped disparities; `full` is the
+    /// photographs' size relative to the reduced ones. `has_unit` is true if a setting gives the
+    /// disparities' unit.
     fn better(
         &self,
         flipped: &[(&str, Self)],
@@ -256,13 +261,14 @@ impl Pair {
                 self.explained(left, &|d| disparity(factor, d), stride),
             )
         };
-        // Disparities of another scene may be better by chance.
+        // Another scene's disparities may also fit better by chance, so blocks must match as well.
         let is_cause = |pair: &Self, explained: &[Explained], disparity: &dyn Fn(f64) -> f64| {
             let is_confirmed = || !self.is_rectified || pair.mismatch(disparity).is_none();
             is_better(&as_read, explained, MIN_GAIN) && is_confirmed()
         };
         let (factor, scaled) = fit((40, 2_f64.powf(0.25)), &|factor, d| factor * d);
-        // Pictures that were swapped together with their disparities would have positive ones.
+        // If the pictures were swapped together with their disparities, the disparities would be
+        // positive.
         let negative = self.samples.iter().filter(|sample| sample.depth < 0.0);
         let all_swapped = if 2 * negative.count() > self.samples.len() {
             "the disparities are negated; store x in the left picture minus x in the right one"
@@ -347,8 +353,8 @@ impl Pair {
                 ));
             }
         }
-        // If depths were read as disparities, the true disparities are proportional to the reciprocals of those read,
-        // up to an offset.
+        // If the map holds depths instead of disparities, the true disparities are proportional to
+        // the reciprocals of its values, up to an offset.
         let camera = &self.left.camera;
         let offset = self.right.camera.cx - camera.cx;
         let product = camera.fx * baseline_m / (full * MIDDLE_UNIT_M);
@@ -374,7 +380,8 @@ impl Pair {
             readings.push((how, scaled));
         }
         readings.retain(|(_, explained)| is_better(&as_read, explained, MIN_GAIN));
-        // A reading under which few places land in the right picture may fit them by chance.
+        // An interpretation under which few places land in the right picture may fit these by
+        // chance.
         let most = readings
             .iter()
             .map(|(_, explained)| landed(explained))

@@ -12,11 +12,13 @@ const MIN_BEYOND: f64 = 0.001;
 const DOUBLED: u32 = 9;
 /// Initial factor of the poses' translations, which corresponds to a near plane at 1 / `SCALE` metres.
 const SCALE: f64 = 30.0;
-/// Number of steps in the search for the factor of the translations, then the ratio between them.
+/// Number of steps in the search for the factor of the translations, then the ratio between
+/// consecutive factors.
 const SCALES: (i32, f64) = (15, 1.2589);
-/// For a refinement of the excess, then for one of the factor: number of steps, and ratio between them.
+/// Number of steps and ratio between consecutive values, for refining the excess and then the
+/// factor.
 const REFINED: [(i32, f64); 2] = [(4, 1.15), (4, 1.1)];
-/// Number of refinements of both values.
+/// Number of times that the excess and the factor are refined.
 const REFINEMENTS: usize = 3;
 
 impl Neighbours<'_> {

@@ -19,7 +19,8 @@ pub struct StereoCalibration {
     pub baseline_m: f64,
     /// Size of the pictures, if stated.
     pub size: Option<(u32, u32)>,
-    /// Lowest and highest disparity in pixels (`vmin` and `vmax`, else 0 and `ndisp`), if stated.
+    /// Lowest and highest disparity in pixels: `vmin` and `vmax`, or else 0 and `ndisp`; `None` if
+    /// the file states neither.
     pub disparities: Option<(f64, f64)>,
 }
 
@@ -29,7 +30,7 @@ pub struct StereoCalibration {
 /// ignored. `doffs` (then `cx1 − cx0`) and the size may be absent.
 ///
 /// # Errors
-/// If a key is missing, is not a finite number, or contradicts another; names it.
+/// If a key is missing, is not a finite number, or contradicts another key; names the key.
 pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     let mut entries = BTreeMap::new();
     for line in text.trim_start_matches('\u{feff}').lines() {
@@ -83,7 +84,7 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
         (Some(width), Some(height)) => Some((pixels("width", width)?, pixels("height", height)?)),
         _ => None,
     };
-    // No depth depends on the range, so a range that cannot be read counts as absent.
+    // Depth does not depend on this range, so a range that cannot be parsed is treated as absent.
     let stated = |key: &str| entries.get(key).and_then(|text| number(key, text).ok());
     let range = stated("vmin").zip(stated("vmax"));
     let range = range.or_else(|| Some((0.0, stated("ndisp")?)));
@@ -98,7 +99,7 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     })
 }
 
-/// Parses a 3×3 matrix, written `[a b c; d e f; g h i]`, to its entries row by row.
+/// Parses a 3×3 matrix, written `[a b c; d e f; g h i]`; returns its entries row by row.
 fn matrix(key: &str, text: &str) -> Result<[f64; 9], FormatError> {
     let inner = text
         .strip_prefix('[')

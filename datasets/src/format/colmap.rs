@@ -12,21 +12,21 @@ use crate::lens::Lens;
 /// Cameras, keyed by their ids.
 pub type Cameras = BTreeMap<u32, ColmapCamera>;
 
-/// A model without its points.
+/// A COLMAP model without its points.
 #[derive(Debug)]
 pub struct Model {
     /// The cameras that images refer to.
     pub cameras: Cameras,
     /// Images in file order.
     pub images: Vec<ColmapImage>,
-    /// The files that were read: first that of the cameras, then that of the images.
+    /// The files that were read: the cameras' file, then the images'.
     pub files: Vec<PathBuf>,
     /// Notes on files in the same folder that were not read.
     pub notes: Vec<String>,
 }
 
 impl Model {
-    /// The file that lists the pictures.
+    /// Path of the file that lists the images.
     pub(crate) fn images_file(&self) -> &Path {
         &self.files[1]
     }
@@ -50,7 +50,7 @@ impl Model {
     /// Like [`Self::lens`], for callers that require a lens for every picture.
     ///
     /// # Errors
-    /// Names the file and the camera.
+    /// If the camera does not exist or cannot be used; names the file and the camera.
     pub(crate) fn needed_lens(&self, image: &ColmapImage) -> Result<Lens, DatasetError> {
         let lens = self.lens(image)?;
         lens.map_err(|reason| DatasetError::malformed(&self.files[0], reason))
@@ -67,7 +67,8 @@ fn has_model(folder: &Path, extension: &str) -> bool {
     names.all(|name| folder.join(format!("{name}.{extension}")).is_file())
 }
 
-/// The kind of files to read, `bin` or `txt`. If both kinds are complete, or neither is, it is `bin`, as in COLMAP.
+/// File extension of the model to read, `bin` or `txt`: `txt` only if there is a complete text
+/// model but no complete binary one, as in COLMAP.
 fn kind(folder: &Path) -> &'static str {
     let only_text = has_model(folder, "txt") && !has_model(folder, "bin");
     if only_text { "txt" } else { "bin" }
@@ -76,7 +77,7 @@ fn kind(folder: &Path) -> &'static str {
 /// Number of pictures in a model.
 ///
 /// # Errors
-/// Names the file and what is wrong with it.
+/// If a file is missing or invalid; names the file.
 pub(crate) fn picture_count(folder: &Path) -> Result<usize, DatasetError> {
     Ok(read_images(folder, kind(folder))?.1.len())
 }
@@ -109,7 +110,7 @@ fn check_inside(root: &Root, folder: &Path) -> Result<(), DatasetError> {
 /// Reads a model; binary if both kinds exist, as in COLMAP. All files must be of the same kind.
 ///
 /// # Errors
-/// Names the file and what is wrong with it.
+/// If a file is missing or invalid; names the file.
 pub fn read_model(folder: &Path) -> Result<Model, DatasetError> {
     let kind = kind(folder);
     let (images_file, images) = read_images(folder, kind)?;
@@ -213,8 +214,8 @@ fn are_same_images(a: &[ColmapImage], b: &[ColmapImage]) -> bool {
 /// cameras file.
 ///
 /// # Errors
-/// Names the file and what is wrong with it. If there are no images, text and binary cameras that contradict each other
-/// are rejected.
+/// If the file is invalid; names the file. If there are no images, text and binary cameras that
+/// contradict each other are rejected.
 pub fn read_cameras(folder: &Path) -> Result<Option<(PathBuf, Cameras)>, DatasetError> {
     let [binary, text] = ["bin", "txt"].map(|kind| folder.join(format!("cameras.{kind}")));
     let file = match (binary.is_file(), text.is_file()) {
@@ -243,11 +244,11 @@ fn read_cameras_of(file: &Path) -> Result<Cameras, DatasetError> {
     }
 }
 
-/// Reads the points of a model; their file is of the same kind as the other files. `None` if there
-/// are none.
+/// Reads the points of a model; text or binary, like the model's other files. `None` if the model
+/// has no points file.
 ///
 /// # Errors
-/// Names the file and what is wrong with it.
+/// If the file is invalid; names the file.
 pub fn read_points(folder: &Path) -> Result<Option<(PathBuf, Vec<ColmapPoint>)>, DatasetError> {
     let of_kind = |kind: &str| Some(folder.join(format!("points3D.{kind}")));
     let first = of_kind(kind(folder)).filter(|file| file.is_file());

@@ -11,7 +11,7 @@ use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
 /// Parses `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
 ///
 /// # Errors
-/// If a line is invalid; states its number and what is wrong with it.
+/// If a line is invalid; states the line's number and the fault.
 pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     let mut cameras = BTreeMap::new();
     for (number, line) in records(text) {
@@ -31,7 +31,7 @@ pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
 /// were removed from the file.
 ///
 /// # Errors
-/// If a line is invalid; states its number and what is wrong with it.
+/// If a line is invalid; states the line's number and the fault.
 pub fn images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate().peekable();
@@ -86,7 +86,7 @@ fn is_track(line: &str) -> bool {
 /// Parses `points3D.txt`: `ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)…`.
 ///
 /// # Errors
-/// If a line is invalid; states its number and what is wrong with it.
+/// If a line is invalid; states the line's number and the fault.
 pub fn points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
     records(text)
         .map(|(number, line)| {
@@ -118,7 +118,7 @@ fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines().enumerate().filter(|(_, line)| !is_void(line))
 }
 
-/// Parses a line word by word; errors include its number.
+/// Parses a line word by word; errors include the line's number.
 struct RecordLine<'a> {
     number: usize,
     rest: &'a str,

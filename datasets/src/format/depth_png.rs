@@ -11,7 +11,7 @@ use crate::DatasetError;
 /// Reads a 16-bit grey PNG with values 0 to 65535, without rescaling.
 ///
 /// # Errors
-/// As for a picture; also if it is not 16-bit grey.
+/// As for a picture; also if the PNG is not 16-bit grey.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     let picture = image_file::read_map(bytes)?;
     match picture.image {

@@ -15,7 +15,7 @@ pub enum FormatError {
         needed: u128,
         available: usize,
     },
-    /// Valid, but of an unsupported kind.
+    /// The file is valid, but of an unsupported kind.
     #[error("{0}")]
     Unsupported(String),
     /// Any other error: what is wrong and where.

@@ -14,7 +14,7 @@ pub fn parse(text: &str) -> Result<Value, FormatError> {
     serde_json::from_str(&strict(text)).map_err(|e| invalid!("not JSON: {e}"))
 }
 
-/// Converts the document to strict JSON. Its length changes only by the replaced words.
+/// Converts the document to strict JSON. Only the replaced words change its length.
 fn strict(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text.trim_start_matches('\u{feff}');

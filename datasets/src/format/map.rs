@@ -12,7 +12,8 @@ use crate::{DatasetError, files};
 /// Reads a map in any self-describing format, detected from the first bytes: PFM, npy, npz, EXR or 16-bit PNG.
 ///
 /// # Errors
-/// If the file cannot be read, or has more pixels than a camera may have; names it and the reason.
+/// If the file cannot be read, or has more pixels than a camera may have; names the file and the
+/// reason.
 pub fn read_map(path: &Path) -> Result<FloatMap, DatasetError> {
     read_map_if(path, &|_| Ok(()))
 }

@@ -21,7 +21,7 @@ macro_rules! invalid {
     };
 }
 
-/// True if most values are absurd as read, and hardly any in the other byte order.
+/// True if most values are absurd as stored, but hardly any would be in the other byte order.
 pub(crate) fn is_byte_swapped(values: &[f32]) -> bool {
     let counts = |v: &f32| v.is_finite() && *v != 0.0;
     let absurd = |v: &f32| counts(v) && !(1e-10..=1e10).contains(&v.abs());

@@ -36,7 +36,7 @@ impl NpyArray {
     }
 }
 
-/// Width and height of an array as a map.
+/// Width and height of the map that an array of this shape forms.
 fn map_size(shape: &[usize]) -> Result<(u32, u32), FormatError> {
     let mut sides = shape;
     while sides.len() > 2 && sides.first() == Some(&1) {
@@ -55,12 +55,12 @@ fn map_size(shape: &[usize]) -> Result<(u32, u32), FormatError> {
     sides.ok_or_else(|| invalid!("the array's shape is {shape:?}, so it has no pixels"))
 }
 
-/// Reads an array of any shape from an `.npy` file, or the only one in an `.npz` (if there are several: `arr_0`,
-/// `depth` or `disp`).
+/// Reads an array of any shape from an `.npy` file, or the only array of an `.npz` (if it has
+/// several: `arr_0`, `depth` or `disp`).
 ///
 /// # Errors
-/// If it is not a NumPy file, is an object array (which would require unpickling and is never read), or has fewer
-/// values than its shape requires.
+/// If the bytes are not a NumPy file, is an object array (which would require unpickling and is
+/// never read), or has fewer values than its shape requires.
 pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     if bytes.starts_with(b"PK") {
         parse_array(&unpacked(bytes, u64::MAX)?)
@@ -79,7 +79,8 @@ pub(super) fn archived_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     map_size(&NpyHeader::parse(&start)?.shape)
 }
 
-/// The first `most` bytes of an archive's array. If that is the whole array, its length is checked.
+/// The first `most` bytes of the archive's array. If `most` covers the whole array, also checks
+/// that the array is complete.
 fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     let refused =
         |_: ZipError| FormatError::from("not a readable ZIP archive (truncated or damaged?)");
@@ -102,7 +103,7 @@ fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     let member = archive.by_name(name).map_err(refused)?;
     let (packed, size) = (member.compressed_size(), member.size());
     let damaged = |why: &dyn Display| invalid!("the archive's member '{name}' is damaged: {why}");
-    // Deflate cannot compress by a larger factor.
+    // Deflate compresses at most 1032-fold.
     if size / 1032 > packed.min(bytes.len() as u64) {
         return Err(damaged(&format_args!(
             "its {packed} compressed bytes cannot hold {size} bytes"
@@ -200,7 +201,7 @@ fn parse_array(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     })
 }
 
-/// Reorders values whose first index varies fastest.
+/// Converts values whose first index varies fastest to row-major order.
 fn row_major(shape: &[usize], values: &[f32]) -> Vec<f32> {
     let mut index = vec![0; shape.len()];
     let mut strides = vec![1; shape.len()];

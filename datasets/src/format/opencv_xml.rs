@@ -7,7 +7,7 @@ use super::FormatError;
 /// Top level of an OpenCV `FileStorage`: values, keyed by the name of their element.
 pub type FileStorage = BTreeMap<String, Node>;
 
-/// A value in a storage.
+/// A value of a [`FileStorage`].
 #[derive(Debug, Clone, PartialEq)]
 pub enum Node {
     Number(f64),
@@ -17,7 +17,7 @@ pub enum Node {
         cols: usize,
         data: Vec<f64>,
     },
-    /// Any other element, as text.
+    /// An element that is not a matrix, as text.
     Text(String),
 }
 
@@ -72,7 +72,7 @@ fn node(element: roxmltree::Node<'_, '_>) -> Result<Node, FormatError> {
     Ok(Node::Matrix { rows, cols, data })
 }
 
-/// All text directly inside an element, which may be interrupted by comments.
+/// Concatenates the text directly inside an element, which comments may split.
 fn text_of(element: roxmltree::Node<'_, '_>) -> String {
     let texts = element.children().filter(roxmltree::Node::is_text);
     texts.filter_map(|text| text.text()).collect()

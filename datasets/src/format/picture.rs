@@ -71,11 +71,8 @@ pub fn header(path: &Path) -> Result<Header, DatasetError> {
     image_file::header(&mut file).map_err(|error| DatasetError::format(path, error))
 }
 
-/// Width and height of a photograph as read by `rules`, if there is no camera whose size it has to
-/// match.
-///
-/// # Errors
-/// As for [`header`].
+/// Width and height of a photograph read under `rules`, for photographs that need not match a
+/// camera's size.
 pub fn size_as_read(path: &Path, rules: &PictureRules) -> Result<(u32, u32), DatasetError> {
     match rules.orientation {
         OrientationRule::Upright => Ok(header(path)?.upright_size()),

@@ -17,7 +17,7 @@ pub struct NumberedPose {
     pub world_from_camera: Result<RigidTransform, CameraError>,
 }
 
-/// The poses of a `.log`.
+/// The blocks and poses of a `.log` file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Log {
     /// Indices of all blocks, in order; 0 belongs to the first picture.
@@ -28,8 +28,8 @@ pub struct Log {
 }
 
 /// Parses a `.log`: blocks of three integers and a 4×4 matrix, separated by any white space. The
-/// first integer is the block's index. If it is the same in all blocks, it is ignored, and the
-/// blocks are numbered from 0 instead.
+/// first integer is the block's index. If all blocks have the same index, the indices are ignored
+/// and the blocks are numbered from 0 instead.
 ///
 /// # Errors
 /// If a block is incomplete, something is not a number, or an index is negative or repeated.
@@ -146,7 +146,7 @@ impl SimilarityTransform {
 /// Parses a `_trans.txt`: a 4×4 similarity.
 ///
 /// # Errors
-/// If there are not 16 numbers, or they are not a similarity.
+/// If the text does not have 16 numbers, or these do not form a similarity.
 pub fn parse_similarity(text: &str) -> Result<SimilarityTransform, FormatError> {
     let row = <[f64; 16]>::try_from(numbers(text)?);
     let row = row.map_err(|row| invalid!("there are {} numbers instead of 16", row.len()))?;

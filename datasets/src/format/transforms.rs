@@ -34,7 +34,7 @@ pub struct JsonFrame {
     intrinsics: RawIntrinsics,
     /// Intrinsics that the file states for all its frames.
     shared: Arc<RawIntrinsics>,
-    /// True if the frame's own intrinsics differ from the file's. The frame's are used unless
+    /// True if the frame's own intrinsics differ from the file's. The frame's own are used unless
     /// [`JsonFrame::prefer_file`] is called.
     pub contradicts_file: bool,
 }
@@ -69,8 +69,8 @@ const INTRINSIC_KEYS: [&str; 18] = [
 /// Parses a `transforms.json`.
 ///
 /// # Errors
-/// If it is not JSON, has no frames, or a frame has no path or a matrix of another shape. A pose that is not finite or
-/// not rigid is no error here; its frame records it.
+/// If the text is not JSON, has no frames, or a frame has no path or a matrix of another shape. A
+/// pose that is not finite or not rigid is not an error here; the frame records it.
 pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     let document = lenient_json::parse(text)?;
     let top = document
@@ -194,7 +194,7 @@ impl JsonFrame {
     /// Width and height, if stated.
     ///
     /// # Errors
-    /// If they are not valid pixel counts (integers may be written as floats).
+    /// If width or height is not a valid pixel count (integers may be written as floats).
     pub fn size(&self) -> Result<Option<(u32, u32)>, FormatError> {
         let side = |key: &str| match self.intrinsics.number(key)? {
             None => Ok(None),

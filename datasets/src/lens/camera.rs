@@ -134,8 +134,8 @@ impl Lens {
         self.distortion == Distortion::None
     }
 
-    /// Projects a camera-space point to pixels; `None` if it is not in front of the camera (z ≤ 0). Far outside the
-    /// picture, the polynomials fold back; see [`Self::project_unfolded`].
+    /// Projects a camera-space point to pixels; `None` if the point is not in front of the camera
+    /// (z ≤ 0). Far outside the picture, the polynomials fold back; see [`Self::project_unfolded`].
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         (point.z > 0.0).then(|| {
             let k = &self.intrinsics;

@@ -36,8 +36,8 @@ pub enum Distortion {
         /// Coefficients of r² and r⁴ for the first coordinate, then for the second.
         s: [f64; 4],
     },
-    /// FOV: the radius becomes `atan(2 r tan(ω/2)) / ω`. (COLMAP's series for ω below 0.01 has its signs swapped;
-    /// here the formula is used for every ω.)
+    /// FOV: the radius becomes `atan(2 r tan(ω/2)) / ω`. (COLMAP's series for ω below 0.01 has
+    /// swapped signs; the formula is therefore used for every ω.)
     Fov { omega: f64 },
     /// DIVISION: `(u, v) · 2 / (1 + √(1 − 4 k r²))`, the inverse of a division by `1 + k r²`.
     Division { k: f64 },
@@ -46,14 +46,15 @@ pub enum Distortion {
 }
 
 impl Distortion {
-    /// Creates a perspective model with the given radial coefficients; the others are 0.
+    /// Creates a perspective model with the given radial coefficients; the other coefficients are
+    /// 0.
     pub fn perspective(model: &'static str, radial: &[f64], p: [f64; 2]) -> Self {
         let mut k = [0.0; 6];
         k[..radial.len()].copy_from_slice(radial);
         Self::Perspective { model, k, p }
     }
 
-    /// COLMAP's name of the model. For a family of models, the name of the one with the most
+    /// COLMAP's name of the model. For a family of models, the name of the member with the most
     /// parameters.
     pub fn name(&self) -> &'static str {
         match self {
@@ -215,7 +216,7 @@ fn radial4(r2: f64, k: [f64; 4]) -> f64 {
     r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])))
 }
 
-/// k0 r² + k1 r⁴ + …
+/// Evaluates k0 r² + k1 r⁴ + …
 fn radial(r2: f64, k: &[f64]) -> f64 {
     k.iter().rev().fold(0.0, |sum, k| (sum + k) * r2)
 }

@@ -1,4 +1,5 @@
-//! Inverse distortion: from distorted coordinates to the ray, and the radius within which it exists.
+//! Inverse distortion: from distorted coordinates to the ray, and the radius within which the
+//! inverse exists.
 
 use glam::DVec2;
 
@@ -23,7 +24,8 @@ impl Distortion {
         Some(bent * scale)
     }
 
-    /// Newton's iteration on [`Self::bend`], with halved steps if a full one does not help.
+    /// Newton's iteration on [`Self::bend`], with halved steps if a full step does not reduce the
+    /// error.
     pub(super) fn invert(&self, distorted: DVec2) -> Option<DVec2> {
         if !distorted.is_finite() {
             return None;
@@ -69,15 +71,16 @@ impl Distortion {
         converged.then_some(x)
     }
 
-    /// True if the map preserves orientation at `x`.
+    /// True if [`Self::bend`] preserves orientation at `x`, i.e. the distortion does not fold back
+    /// there.
     fn is_unfolded_at(&self, x: DVec2) -> bool {
         let slope = self.bend_slope(x);
         slope.determinant() > 0.0 && (slope * x).dot(x) > 0.0 || x == DVec2::ZERO
     }
 
-    /// Radius within which the map does not fold back, accurate to 1/128, in normalised coordinates
-    /// (for fisheyes, the angle in radians). Infinite for a pinhole, at most 10 (84°) for
-    /// perspective lenses.
+    /// Radius within which the distortion does not fold back, accurate to 1/128, in normalised
+    /// coordinates (for fisheyes, the angle in radians). Infinite for a pinhole, at most 10 (84°)
+    /// for perspective lenses.
     pub(super) fn fold_radius(&self) -> f64 {
         if *self == Self::None {
             return f64::INFINITY;

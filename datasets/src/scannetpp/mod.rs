@@ -1,8 +1,9 @@
 //! ScanNet++, DSLR pictures (v1 and v2).
 //!
-//! `data/<scene>/dslr/` contains fisheye pictures in `resized_images`, their cameras in `nerfstudio/transforms.json`
-//! and, if the toolbox was run, undistorted pictures with `nerfstudio/transforms_undistorted.json`. COLMAP's change of
-//! world axes was applied to the poses in the JSON; it is undone, so that the views share the coordinate system of
+//! `data/<scene>/dslr/` contains fisheye pictures in `resized_images`, their cameras in
+//! `nerfstudio/transforms.json` and, if the toolbox was run, undistorted pictures with
+//! `nerfstudio/transforms_undistorted.json`. COLMAP's change of world axes was applied to the poses
+//! in the JSON; that change is undone here, so that the views share the coordinate system of
 //! `scans/`. Units are metres.
 
 mod photographs;
@@ -130,7 +131,8 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
         photo.above(&format!("nerfstudio/{json}")),
     )];
     if undistorted {
-        // Depth maps are rendered with the fisheye camera; depth from a mesh does not need it.
+        // Depth maps are rendered with the fisheye camera; depth from a mesh does not need that
+        // camera.
         let fisheye = RequiredFile::depth(photo.above("nerfstudio/transforms.json"));
         files.push(fisheye.or(mesh()));
     }
@@ -331,7 +333,7 @@ enum DepthFrom {
     None,
     Rendered(PathBuf),
     Mesh(ScanFile),
-    /// Points, and the ids of the model's images, keyed by the frame's id.
+    /// Points, and for each frame id the id of the image in the model.
     Points(PointTracks, Vec<(String, u32)>),
 }
 

@@ -17,7 +17,8 @@ pub(super) struct DslrPhotographs {
     pub(super) masks: PathBuf,
     /// Folder of pictures undistorted by the toolbox; `None` if the fisheye pictures are used.
     pub(super) published: Option<String>,
-    /// Fisheye cameras and their file, if the pictures are undistorted but depth is not.
+    /// Fisheye cameras and their file; `None` unless the pictures are undistorted and depth is
+    /// in the fisheye geometry.
     pub(super) fisheye: Option<(PathBuf, Transforms)>,
 }
 
@@ -102,7 +103,7 @@ impl DslrPhotographs {
     /// Depth map rendered by the toolbox with the fisheye camera.
     ///
     /// # Errors
-    /// If there is no such camera for the picture.
+    /// If the picture's fisheye camera is missing.
     pub(super) fn rendered_depth(
         &self,
         map: PathBuf,

@@ -19,8 +19,8 @@ pub(super) fn unit_circle(turns: f64) -> (f64, f64) {
     }
 }
 
-/// Horner form of 1 − x²/(n−1)n·(1 − …): the series of the cosine if `highest` is even, that of the
-/// sine divided by x if it is odd.
+/// Horner form of 1 − x²/(n−1)n·(1 − …): the series of the cosine if `highest` is even, the series
+/// of the sine divided by x if it is odd.
 fn series(x2: f64, highest: f64) -> f64 {
     let mut sum = 1.0;
     let mut n = highest;

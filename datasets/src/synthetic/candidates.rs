@@ -1,5 +1,5 @@
-//! Lists of the objects that a bundle of rays can hit. They allow skipping all other objects, but
-//! never change a result.
+//! Lists of the objects that a bundle of rays can hit. With these lists, all other objects can be
+//! skipped without changing any result.
 
 use glam::DVec3;
 

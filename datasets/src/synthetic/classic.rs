@@ -11,7 +11,7 @@ use super::world::{Object, Surface, World};
 /// Depth of the ground below the central camera, in metres.
 const GROUND_Y: f64 = 1.3;
 
-/// The classic world of a seed, with `posts` posts in front of it.
+/// Builds the classic world of a seed, with `posts` posts in front of the other objects.
 pub(super) fn world(seed: u64, posts: usize) -> World {
     let mut random = SplitMix64::new(seed);
     let to_sun = DVec3::new(random.between(-0.7, 0.7), -1.0, -0.6).normalize();
@@ -154,9 +154,10 @@ impl Objects {
         self.add(random, 0.08, shape);
     }
 
-    /// Adds posts of 3 centimetres, a metre away and taller than the picture; each new post is placed between earlier
-    /// ones. From a camera 10 cm to the side, a post hides another part of the background than from the first camera.
-    /// Thus, every post adds the same area that only the second camera sees.
+    /// Adds posts of 3 centimetres, a metre away and taller than the picture; each new post is
+    /// placed between earlier ones. A second camera, 10 cm to the side, sees the part of the
+    /// background that a post hides from the first one. Thus, every post adds the same area that
+    /// only the second camera sees.
     fn add_posts(&mut self, random: &mut SplitMix64, posts: usize) {
         for i in 0..posts {
             // Halves, quarters, eighths of the picture's width (van der Corput sequence).

@@ -24,8 +24,8 @@ pub(super) struct ProceduralContent {
     world: Arc<World>,
     lens: Lens,
     world_from_camera: RigidTransform,
-    /// Rays per pixel along each axis: colour is averaged over samples × samples in linear light; depth is that of the
-    /// ray through the centre.
+    /// Rays per pixel along each axis: colour is averaged over samples × samples rays in linear
+    /// light; depth is taken from the ray through the pixel's centre.
     samples: u32,
     image: OnceLock<RgbImage>,
 }

@@ -14,8 +14,8 @@ pub(super) enum Finish {
         thickness_m: f64,
         /// Fraction of each transmitted colour that is not absorbed.
         tint: DVec3,
-        /// Surfaces behind the pane that are closer to it than this, in metres, are skipped, such as the wall that a
-        /// window is in.
+        /// Surfaces behind the pane within this distance, in metres, are skipped, such as the wall
+        /// that a window is in.
         opening_m: f64,
     },
 }
@@ -23,9 +23,10 @@ pub(super) enum Finish {
 /// What a ray sees in a [`Finish`]: the light along two other rays, each with a weight per colour.
 #[derive(Debug)]
 pub(super) struct Layers {
-    /// The reflected ray starts at the hit point.
+    /// Direction of the reflected ray, which starts at the hit point, and its weight per colour.
     pub(super) reflected: (DVec3, DVec3),
-    /// The transmitted ray keeps its direction and starts at this offset from the hit point.
+    /// Offset from the hit point at which the transmitted ray starts, in an unchanged direction,
+    /// and its weight per colour.
     pub(super) transmitted: Option<(DVec3, DVec3)>,
 }
 
@@ -50,7 +51,7 @@ impl Finish {
                 let cosine = -normal.dot(unit);
                 let inside = refracted_cosine(index, cosine);
                 let face = fresnel(index, cosine, inside);
-                // Both faces, with all reflections between them.
+                // Fraction that both faces reflect together, with all reflections between them.
                 let reflected = 2.0 * face / (1.0 + face);
                 // Snell's direction, then straight on to the end of the opening.
                 let refracted = unit / index + normal * (cosine / index - inside);

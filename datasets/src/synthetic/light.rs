@@ -11,7 +11,7 @@ use super::texture;
 pub(super) struct Light {
     /// Unit vector towards the brightest ambient light.
     pub(super) dome: DVec3,
-    /// Ambient light on surfaces that face away from `dome` and on those that face it.
+    /// Ambient light on surfaces that face away from `dome`, and on surfaces that face it.
     pub(super) ambient: [DVec3; 2],
     pub(super) to_sun: DVec3,
     /// Light from the sun on a surface that faces it; zero if there is no sun.
@@ -81,7 +81,7 @@ impl Sky {
             }
             Self::Sunlit { to_sun, sun, .. } => {
                 let off = 1.0 - to_sun.dot(direction) / direction.length();
-                // A disc with a radius of half a degree to a degree, and a saturated colour.
+                // The disc has a radius of half a degree to a degree, and a saturated colour.
                 let disc = ((1.5e-4 - off) / 1.1e-4).clamp(0.0, 1.0);
                 self.scattered(direction) + *sun * (30.0 * disc)
             }

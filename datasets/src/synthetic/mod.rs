@@ -256,8 +256,8 @@ impl SyntheticScene {
         &self.views
     }
 
-    /// The same world seen by any camera. If its lens distorts, picture and depth are those of the lens, not of the
-    /// pinhole that the view's intrinsics describe.
+    /// A view of the same world through any camera. If the lens distorts, picture and depth are
+    /// those of the lens, not of the pinhole that the view's intrinsics describe.
     pub fn view_through(&self, id: &str, lens: Lens, camera_from_world: RigidTransform) -> View {
         let samples = self.options.samples;
         view_of(&self.world, id.to_owned(), lens, camera_from_world, samples)
@@ -269,9 +269,9 @@ impl SyntheticScene {
         Scene::new(dataset, id, self.views.clone(), Pairing::MultiView)
     }
 
-    /// Whether the surface point at the centre of `pixel` in view `seen_in` is also visible in view `from`, i.e. is
-    /// projected into that picture and not occluded. `None` if the pixel shows the sky. Exact, because it is determined
-    /// by casting rays rather than comparing depth maps.
+    /// Whether the surface point at the centre of `pixel` in view `seen_in` is also visible in view
+    /// `from`, i.e. lies inside that view's picture and is not occluded. `None` if the pixel shows
+    /// the sky. Exact, because it is determined by casting rays rather than comparing depth maps.
     ///
     /// # Panics
     /// If a view's index is out of range.

@@ -131,7 +131,7 @@ impl Paint {
         }
     }
 
-    /// Removes everything except the colour.
+    /// Removes the pattern and most of the grain.
     pub(super) fn make_plain(&mut self) {
         self.pattern = Pattern::Plain;
         self.grain.0 *= 0.3;
@@ -170,7 +170,8 @@ impl Paint {
         base * (1.0 + strength * (2.0 * noise - 1.0))
     }
 
-    /// Fraction of the second colour, 0..1, over a square of side `size` around a position, all in elements.
+    /// Fraction of the second colour, 0..1, averaged over a square around the position (u, v).
+    /// Position and side `size` are in units of pattern elements.
     fn pattern_at(&self, u: f64, v: f64, size: f64) -> f64 {
         let (column, row) = (floor(u), floor(v));
         let (x, y) = (u - column, v - row);
@@ -293,8 +294,8 @@ fn square_wave(t: f64, size: f64) -> f64 {
     (1.0 - 2.0 * odd(element)) * (2.0 * to_edge / size).min(1.0)
 }
 
-/// Fraction covered by a band, averaged over `size` elements around `place` (0..1 in its element). The band repeats in
-/// every element.
+/// Fraction covered by a band around `middle` of half width `half`, which repeats in every element;
+/// averaged over `size` elements around `place`. All positions are in elements, 0..1.
 fn band(place: f64, middle: f64, half: f64, size: f64) -> f64 {
     let off = (place - middle).abs();
     let off = off.min(1.0 - off);

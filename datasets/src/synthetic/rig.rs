@@ -24,7 +24,7 @@ impl Rig {
     /// With this radius, no two cameras are more than 60 cm apart, even though some are moved forward by 2 cm.
     pub(super) const WIDEST_RADIUS_M: f64 = 0.2995;
 
-    /// Horizontal field of view of 58 degrees.
+    /// Rig of the classic scene, with a horizontal field of view of 58 degrees.
     pub(super) const CLASSIC: Self = Self {
         outer_radius_m: Self::WIDEST_RADIUS_M,
         target: DVec3::new(0.1, 0.15, 4.0),
@@ -44,8 +44,8 @@ impl Rig {
         }
     }
 
-    /// Poses (world to camera) of `count` cameras, from the centre outwards. The number of cameras on a ring is
-    /// proportional to its radius.
+    /// Poses (world to camera) of `count` cameras, from the centre outwards. The number of cameras
+    /// on a ring is proportional to the ring's radius.
     pub(super) fn poses(&self, count: usize) -> Vec<RigidTransform> {
         let centers = self.centers(count).into_iter();
         centers.map(|center| self.look_from(center)).collect()

@@ -29,7 +29,7 @@ pub(super) enum SweepKind {
 }
 
 impl SweepKind {
-    /// The sweep that `spec` requests; `None` for the rings.
+    /// The sweep that `spec` requests; `None` for rings of cameras.
     ///
     /// # Errors
     /// [`DatasetError::Spec`] for an invalid step.
@@ -61,11 +61,8 @@ impl SweepKind {
         }))
     }
 
-    /// One scene from the first camera to all others; with posts, one scene per step, because each
-    /// step has its own posts. All scenes are in the seed's cluster.
-    ///
-    /// # Errors
-    /// [`DatasetError::Spec`] if the last step is too large.
+    /// One scene that pairs the first camera with each of the others; with posts, one scene per
+    /// step, because each step has its own posts. All scenes are in the seed's cluster.
     pub(super) fn scenes(
         self,
         rings: &SyntheticScene,

@@ -17,7 +17,8 @@ pub(super) struct Object {
     /// Centre and squared radius of the object's bounding sphere.
     bounds: (DVec3, f64),
     surface: Surface,
-    /// True if the object casts shadows. The floor and walls of a room need not, because nothing is behind them.
+    /// True if the object casts shadows. The floor and walls of a room need not cast shadows,
+    /// because nothing is behind them.
     casts: bool,
 }
 
@@ -29,8 +30,8 @@ pub(super) enum Surface {
     Layered(Finish),
 }
 
-/// Maximum number of mirrors and panes that light passes on its way to the camera; any further one
-/// is black.
+/// Maximum number of mirrors and panes that light passes on its way to the camera; further mirrors
+/// and panes are black.
 const MAX_LAYERS: u32 = 5;
 
 impl Object {
@@ -54,7 +55,7 @@ impl Object {
         let to_center = center - origin;
         let along = to_center.dot(direction);
         let outside = to_center.dot(to_center) - square_radius;
-        // Behind the origin, or the ray misses the sphere.
+        // The sphere is behind the origin, or the ray misses it.
         let square_length = direction.dot(direction);
         if outside > 0.0 && (along < 0.0 || along * along < outside * square_length) {
             return None;
@@ -99,7 +100,7 @@ impl Sight {
         self.hit.map(|(hit, _)| (hit.object, hit.distance))
     }
 
-    /// Adds the rays of another sight of the same surface.
+    /// Adds the rays of another sight, which must show the same surface.
     pub(super) fn join(&mut self, other: &Self) {
         self.rays += other.rays;
         self.direction += other.direction;
@@ -234,8 +235,9 @@ impl World {
         }
     }
 
-    /// True if two rays of a pixel may be shaded together. Paints of varied scenes fade out details finer than a pixel;
-    /// classic textures, mirrors and panes do not.
+    /// True if two rays of a pixel may be shaded together. Paints of varied scenes fade out details
+    /// finer than a pixel; classic textures, mirrors and panes do not, so their rays are shaded one
+    /// by one.
     pub(super) fn shades_as_one(&self, a: &Sight, b: &Sight) -> bool {
         let surface = |sight: &Sight| {
             let hit = sight.hit.as_ref();
@@ -249,8 +251,8 @@ impl World {
             && !surface(a).is_some_and(layered)
     }
 
-    /// Linear light that arrives along the rays, summed over them. `sample` is the width
-    /// of the surface that one ray stands for at a depth of 1.
+    /// Sum over the rays of a sight of the linear light that arrives along them. `sample` is the
+    /// width of surface that one ray represents at a depth of 1.
     pub(super) fn radiance(&self, sight: &Sight, sample: f64) -> DVec3 {
         let (light, share) = (&self.light, 1.0 / sight.rays);
         let direction = sight.direction * share;
@@ -269,9 +271,9 @@ impl World {
         seen * (light.exposure * sight.rays)
     }
 
-    /// Linear light that leaves a surface at `point` against the ray's direction, after the haze on its way. The
-    /// distance in `meeting` is that along the whole path from the camera. At most `layers` more mirrors and panes are
-    /// followed.
+    /// Linear light that leaves a surface at `point` against the ray's direction, attenuated by
+    /// haze. The distance in `meeting` is the length of the whole path from the camera. At most
+    /// `layers` more mirrors and panes are followed.
     fn seen(
         &self,
         object: usize,

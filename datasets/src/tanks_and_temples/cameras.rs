@@ -25,8 +25,8 @@ enum Kind {
 
 impl SceneCameras {
     /// Cameras of the first COLMAP model found: next to the log, in `sparse/0` or in `sparse`;
-    /// `None` if there is none. If it has only one camera, that applies to all pictures; otherwise
-    /// the model's `images` assigns a camera to each picture.
+    /// `None` if there is no model. If the model has only one camera, it applies to all pictures;
+    /// otherwise the model's `images` assigns a camera to each picture.
     ///
     /// # Errors
     /// Names the file that is broken, or that has several cameras without an assignment to
@@ -81,7 +81,7 @@ impl SceneCameras {
     /// is the centre.
     ///
     /// # Errors
-    /// If the picture cannot be read; names it.
+    /// If the picture cannot be read; names the picture.
     pub(super) fn recommended(share: f64, picture: &Path) -> Result<Self, DatasetError> {
         let size = picture::dimensions(picture)?;
         let (w, h) = (f64::from(size.0), f64::from(size.1));

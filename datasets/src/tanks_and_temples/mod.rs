@@ -119,7 +119,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
             found.add(name, reader.read(splat_radius, &cache));
         }
     }
-    // Without any log, these are not scenes of this dataset.
+    // A dataset without any log is not of this format, so folders that only contain pictures are
+    // not its scenes.
     for folder in only_pictures.into_iter().filter(|_| !scenes.is_empty()) {
         // `images/` belongs to its parent folder; `image_sets/Barn/` belongs to the scene Barn that has a log.
         let folder = match folder.parent() {

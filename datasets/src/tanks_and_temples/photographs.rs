@@ -21,9 +21,9 @@ pub(super) struct ScenePhotographs {
 }
 
 impl ScenePhotographs {
-    /// Searches for pictures in `images/` and `<name>/` next to the log, in the log's folder, and then in
-    /// `image_sets/<name>/`, `images/<name>/` and `<name>/` in the root. Uses the first folder with as many pictures as
-    /// there are blocks, else the first with any.
+    /// Searches for pictures in `images/` and `<name>/` next to the log, in the log's folder, and
+    /// then in `image_sets/<name>/`, `images/<name>/` and `<name>/` in the root. Uses the first
+    /// folder with as many pictures as there are blocks, else the first that contains a picture.
     ///
     /// # Errors
     /// If there are no pictures, or one of them points outside the root.

@@ -31,7 +31,7 @@ pub(crate) enum LayerSpec {
         /// Output channels of each of the two parallel convolutions.
         expand: usize,
     },
-    /// Not a layer: taps the output of the preceding one.
+    /// Not a layer: makes the output of the preceding layer a tap.
     Tap,
 }
 

@@ -18,7 +18,7 @@ pub(crate) enum Extractor {
 }
 
 impl Extractor {
-    /// Builds the network as trained; `kernels` only applies on the CPU.
+    /// Builds the network as trained; `kernels` is used only by the CPU kernels.
     pub(crate) fn new(
         backbone: Backbone,
         tensors: &Tensors,

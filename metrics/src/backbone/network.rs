@@ -40,7 +40,7 @@ impl std::fmt::Debug for Network {
 }
 
 impl Network {
-    /// Builds the network as trained.
+    /// Builds the network as it was trained, i.e. with max pooling.
     pub(crate) fn new(backbone: Backbone, tensors: &Tensors, kernels: Kernels) -> Self {
         let conv = |name: String, stride: usize, padding: usize| {
             let (shape, weights) = tensors.get(&format!("{name}.weight"));

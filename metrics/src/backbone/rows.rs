@@ -45,7 +45,8 @@ pub(crate) struct Buffer {
     first: usize,
     /// Rows from `first` on; row-major, channels innermost.
     kept: Vec<f32>,
-    /// The rows that follow, `fresh_len` values.
+    /// Block with the new rows, which follow those in `kept`; only its first `fresh_len` values are
+    /// in use.
     fresh: Vec<f32>,
     fresh_len: usize,
 }
@@ -65,7 +66,7 @@ impl Buffer {
         self.size
     }
 
-    /// One past the last row that was pushed.
+    /// Index one past the last row that was pushed.
     pub(crate) fn end(&self) -> usize {
         self.first + (self.kept.len() + self.fresh_len) / self.size.row_len()
     }

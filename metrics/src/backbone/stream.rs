@@ -2,10 +2,10 @@
 //!
 //! Each layer buffers only the rows that its next output rows need, so memory grows with the number
 //! and width of the pictures and with the strip's height, but not with the pictures' height. Deep
-//! layers get few rows per strip. They wait for more, because their weights exceed any cache and
-//! should not be read for a handful of pixels. Every output row is computed once, from the same
-//! inputs by the same operations, so results are bit-identical for any strip height and number of
-//! pictures.
+//! layers get few rows per strip. They wait until enough rows have accumulated, because their
+//! weights exceed any cache and should not be read for a handful of pixels. Every output row is
+//! computed once, from the same inputs by the same operations, so results are bit-identical for any
+//! strip height and number of pictures.
 
 use std::ops::Range;
 
@@ -27,10 +27,12 @@ pub(crate) struct Taps<'a> {
 /// given.
 const MEMORY: usize = 64 << 20;
 
-/// A layer with weights waits for at least this number of pixels; fewer do not justify reading the weights.
+/// Minimum number of pixels for which a layer with weights waits; fewer do not justify reading the
+/// weights.
 const BATCH_PIXELS: usize = 2048;
 
-/// A layer waits for at most this number of rows.
+/// Maximum number of rows for which a layer waits, even if they have fewer than [`BATCH_PIXELS`]
+/// pixels.
 const BATCH: usize = 16;
 
 /// Rows per Winograd tile. A batch that ends within a tile wastes the tile's remaining rows.
@@ -40,7 +42,7 @@ const TILE: usize = 4;
 /// does not grow with the number of pictures.
 const LANES: usize = 2;
 
-/// Working memory that the pictures of a lane use in turn.
+/// Working memory of one of the [`LANES`], used by its pictures in turn.
 #[derive(Default)]
 struct Lane {
     blocks: Blocks,
@@ -76,7 +78,7 @@ pub(crate) fn stream(
             }
         });
         for (i, layer) in network.layers.iter().enumerate() {
-            // In lockstep, all pictures have the same rows ready as the first.
+            // All pictures advance in lockstep, so each has as many rows ready as the first.
             let rows = ready(layer, &held[0][i], &held[0][i + 1], strip);
             in_lanes(&mut held, &mut lanes, |_, buffers, lane| {
                 let (inputs, outputs) = buffers.split_at_mut(i + 1);
@@ -122,8 +124,8 @@ fn in_lanes(
 
 /// The output rows that a layer computes next, i.e. whose input rows are complete.
 ///
-/// For layers with weights, the end is rounded down to a whole tile, and the range is empty until it fills a batch.
-/// Neither applies at the end of the picture.
+/// For layers with weights, the end is rounded down to a whole tile, and the range is empty until
+/// it fills a batch, except at the end of the picture.
 fn ready(layer: &Layer, input: &Buffer, output: &Buffer, strip: usize) -> Range<usize> {
     let (first, MapSize { height, width, .. }) = (output.end(), output.size());
     let needs = |y: usize| layer.op.in_rows(y..y + 1, input.size().height);

@@ -3,8 +3,8 @@
 //! Like [`stream`](super::stream()) on the CPU kernels, this works in strips of rows, and each
 //! layer buffers what its next rows need, so that memory does not grow with the picture's height.
 //! Each picture is a separate batch, because a device's summation order may depend on the batch
-//! size, but a score must not depend on what else is scored. Features leave the device as f32;
-//! everything after them is the same f64 code as for the kernels.
+//! size, but a score must not depend on which other pictures are scored. Features leave the device
+//! as f32; everything after them is the same f64 code as for the kernels.
 
 use std::ops::Range;
 
@@ -44,9 +44,9 @@ enum Op {
 
 #[derive(Debug, Clone)]
 struct ConvWeights {
-    /// `[out, in, k, k]`.
+    /// Weights `[out, in, k, k]`.
     weight: Tensor,
-    /// `[1, out, 1, 1]`.
+    /// Biases `[1, out, 1, 1]`.
     bias: Tensor,
 }
 
@@ -155,7 +155,7 @@ impl TensorLayer {
 }
 
 impl TensorNetwork {
-    /// Builds the network as trained.
+    /// Builds the network as it was trained, i.e. with max pooling.
     pub(crate) fn new(backbone: Backbone, tensors: &Tensors, device: &Device) -> Result<Self> {
         let conv = |name: &str| ConvWeights::new(tensors, name, device);
         let mut layers: Vec<TensorLayer> = Vec::new();
@@ -290,7 +290,7 @@ impl TensorNetwork {
             }
             for (i, layer) in self.layers.iter().enumerate() {
                 let (from, to) = (sizes[i], sizes[i + 1]);
-                // In lockstep, all pictures have the same rows ready as the first.
+                // All pictures advance in lockstep, so each has as many rows ready as the first.
                 let out = layer.ready(from, to, &held[0][i], held[0][i + 1].end);
                 let mut tapped = Vec::new();
                 for held in &mut held {
@@ -345,9 +345,9 @@ impl TensorLayer {
 #[derive(Default)]
 struct Held {
     first: usize,
-    /// One past the last row that was pushed.
+    /// Index one past the last row that was pushed.
     end: usize,
-    /// `[1, channels, end − first, columns]`.
+    /// The buffered rows, `[1, channels, end − first, columns]`; `None` if there are none.
     rows: Option<Tensor>,
 }
 
@@ -376,7 +376,7 @@ impl Held {
     }
 }
 
-/// Rows with channels innermost.
+/// Copies rows to the host, with channels innermost.
 fn host_rows(rows: &Tensor) -> Result<Vec<f32>> {
     rows.get(0)?
         .permute((1, 2, 0))?

@@ -43,7 +43,8 @@ impl AreaSample for f32 {
     }
 }
 
-/// Reduces interleaved RGB from size `from` to size `to`, whose sides must not be larger.
+/// Reduces interleaved RGB from size `from` to size `to`; neither side of `to` may exceed that of
+/// `from`.
 pub(super) fn shrink<T: AreaSample>(picture: &[T], from: Size, to: Size) -> Vec<T> {
     let mut out = vec![T::default(); 3 * to.width * to.height];
     let (scale_x, scale_y) = (scale(from.width, to.width), scale(from.height, to.height));
@@ -73,12 +74,12 @@ pub(super) fn shrink<T: AreaSample>(picture: &[T], from: Size, to: Size) -> Vec<
     out
 }
 
-/// Input pixels per output pixel, rounded as in OpenCV, because OpenCV chooses its code path by it.
+/// Input pixels per output pixel, rounded as in OpenCV, which chooses its code path by this value.
 fn scale(inputs: usize, outputs: usize) -> f64 {
     1.0 / (outputs as f64 / inputs as f64)
 }
 
-/// The scale as an integer, if it is one.
+/// The scale as an integer; `None` if it is not whole.
 fn whole(scale: f64) -> Option<usize> {
     let nearest = scale.round_ties_even();
     ((scale - nearest).abs() < f64::EPSILON).then_some(nearest as usize)

@@ -7,15 +7,15 @@ use crate::picture::{Picture, PictureError};
 
 /// A resizing function of a library.
 ///
-/// Pixel centres are at half integers in all of them (`align_corners=False`). Each channel is resized separately, in
-/// its given encoding (sRGB, not linear light).
+/// Pixel centres are at half integers in all functions (`align_corners=False`). Each channel is
+/// resized separately, in its given encoding (sRGB, not linear light).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ResizeKernel {
     /// `torch.nn.functional.interpolate(mode="bilinear", align_corners=False)`: four neighbours, without a filter when
     /// reducing. 8-bit pictures are first divided by 255 and stay floats.
     Bilinear,
-    /// [`Self::Bilinear`] with `antialias=True`: a triangle filter as wide as the reduction. When enlarging, the same
-    /// as [`Self::Bilinear`] up to rounding.
+    /// [`Self::Bilinear`] with `antialias=True`: a triangle filter as wide as the reduction. When
+    /// enlarging, results equal [`Self::Bilinear`]'s up to rounding.
     BilinearAntialias,
     /// PIL's `Image.resize` with `BICUBIC` (a = −0.5, antialiased).
     Bicubic,
@@ -76,7 +76,7 @@ impl ResizeKernel {
 
 by_name!(ResizeKernel, ResizeKernelError);
 
-/// Error: there is no kernel of that name.
+/// Error: no kernel has the given name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "unknown resize kernel {0:?}: expected bilinear, bilinear-antialias, bicubic, lanczos or \
@@ -90,8 +90,8 @@ pub struct ResizeKernelError(String);
 /// * PIL's and OpenCV's keep the type of the picture: 8 bits (bit-identical to the library) or f32.
 ///
 /// Floats agree with the library up to its own rounding (1e-6). Values outside 0..1, which bicubic
-/// and Lanczos can produce, are clamped. A picture that already has the size is returned unchanged.
-/// Results are bit-identical for any number of threads.
+/// and Lanczos can produce, are clamped. A picture that already has the requested size is returned
+/// unchanged. Results are bit-identical for any number of threads.
 ///
 /// # Errors
 /// [`PictureError`] if the picture is empty or has a value outside 0..1, if `width` or `height` is

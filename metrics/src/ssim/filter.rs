@@ -11,15 +11,15 @@ const MIN_VARIANCE: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;
 
 #[derive(Clone, Copy)]
 pub(super) struct Constants {
-    /// (0.01 L)².
+    /// C₁ = (0.01 L)², where L is the range of values.
     pub(super) c1: f64,
-    /// (0.03 L)².
+    /// C₂ = (0.03 L)², where L is the range of values.
     pub(super) c2: f64,
     /// Factor from population to sample covariance, or 1.
     pub(super) covariance: f64,
     /// True if the covariance is bounded by the variances.
     pub(super) bounded: bool,
-    /// Added to the denominator.
+    /// Constant that is added to the denominator of each similarity.
     pub(super) guard: f64,
 }
 

@@ -35,7 +35,8 @@ impl SsimSpec {
         }
     }
 
-    /// Factor for variances and covariances.
+    /// Factor for variances and covariances: n / (n − 1) for the sample estimator with n pixels per
+    /// window, otherwise 1.
     pub(super) fn covariance(&self) -> f64 {
         let side = (2 * self.radius + 1) as f64;
         match self.form.covariance {
@@ -56,7 +57,7 @@ impl SsimSpec {
         if self.form.gray { 1 } else { 3 }
     }
 
-    /// Width and height of the map.
+    /// Width and height of the map for pictures of the given size.
     pub(super) fn map_size(
         &self,
         (width, height): (u32, u32),
@@ -88,8 +89,8 @@ impl SsimSpec {
         }
     }
 
-    /// Offset of the map's origin from that of the picture, along both axes: a value of the map belongs to the pixel at
-    /// its window's centre.
+    /// Offset of the map's origin from the picture's, in pixels along both axes: a value of the map
+    /// belongs to the pixel at its window's centre.
     pub(super) fn origin(&self) -> usize {
         match self.form.border {
             SsimBorder::Valid => self.radius,

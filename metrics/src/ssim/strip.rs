@@ -21,15 +21,15 @@ pub(super) struct Strip<'a> {
     inside: Range<usize>,
     /// Number of values in a row of the map.
     values: usize,
-    /// Length of a filtered row: `values`, padded.
+    /// Length of a filtered row: `values`, rounded up to whole blocks.
     length: usize,
     /// 2 × radius + 1 slots, each with one row per quantity.
     ring: Vec<f64>,
     /// The quantities of one row before filtering, including the border.
     quantities: [Vec<f64>; QUANTITIES],
-    /// A row as read from the picture.
+    /// Buffer for a row as read from the picture.
     rgb: Vec<f64>,
-    /// A row of the map.
+    /// Buffer for a row of the map.
     row: Vec<f64>,
 }
 

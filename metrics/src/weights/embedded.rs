@@ -1,5 +1,5 @@
-//! Weights compiled into the program: the metrics' own, and those of the only network that is small
-//! enough.
+//! Weights compiled into the program: the metrics' own weights, and those of AlexNet, the only
+//! network that is small enough.
 
 use safetensors::SafeTensors;
 
@@ -82,7 +82,7 @@ impl Embedded {
         Ok(values.iter().map(|&v| f32::from_le_bytes(v)).collect())
     }
 
-    /// Values of a tensor; rejects negative ones, which could make a distance negative.
+    /// Values of a tensor; rejects negative values, which could make a distance negative.
     fn not_negative(&self, name: &str, count: usize) -> Result<Vec<f32>, WeightsError> {
         let values = self.values(name, count)?;
         if values.iter().all(|value| *value >= 0.0) {

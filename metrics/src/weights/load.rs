@@ -72,7 +72,8 @@ impl Weights {
     /// implementations; `None` without weights.
     ///
     /// # Errors
-    /// [`WeightsError`] if they are unreadable, belong to another network, or are not finite.
+    /// [`WeightsError`] if the weights are unreadable, belong to another network, or are not
+    /// finite.
     pub fn convolutions(&self, backbone: Backbone) -> Result<Option<NamedTensors>, WeightsError> {
         Ok(self.load(backbone)?.map(|loaded| loaded.tensors.0))
     }
@@ -139,7 +140,8 @@ fn read(backbone: Backbone, path: &Path) -> Result<(Tensors, String), WeightsErr
     Ok((Tensors(tensors), original))
 }
 
-/// Summarises the differences in one line: for each kind, their number and the first one.
+/// Summarises the differences in one line: for each kind of difference, the number of tensors and
+/// the first tensor.
 fn in_one_line(incomplete: &Incomplete) -> String {
     let mut parts = Vec::new();
     if let Some(first) = incomplete.misshaped.first() {

@@ -171,7 +171,7 @@ impl Weights {
         self
     }
 
-    /// Source of a network's weights, whether valid or not; `None` if there is none.
+    /// Source of a network's weights, whether valid or not; `None` if no source is configured.
     pub fn source(&self, backbone: Backbone) -> Option<&WeightsSource> {
         self.sources.get(&backbone)
     }

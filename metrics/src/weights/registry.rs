@@ -11,7 +11,7 @@ use super::{Backbone, Weights, WeightsSource};
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Published {
     pub backbone: Backbone,
-    /// File name, which ends with the first digits of its SHA-256.
+    /// File name, which ends with the first digits of the file's SHA-256.
     pub file: Cow<'static, str>,
     pub address: Cow<'static, str>,
     /// Published size in thousandths of a MiB.
@@ -53,8 +53,8 @@ impl Published {
         cache.join(format!("{stem}.features.safetensors"))
     }
 
-    /// The file with the network's weights in `folder`, if there is one. It may have the name that this program's
-    /// download gives it, torchvision's, or the network's.
+    /// The file with the network's weights in `folder`, if there is one. Accepted file names: that
+    /// of this program's own downloads, torchvision's, and the network's name.
     fn in_folder(&self, folder: &Path) -> Option<PathBuf> {
         let plain = folder.join(format!("{}.safetensors", self.backbone));
         let files = [self.cached(folder), folder.join(&*self.file), plain];
@@ -74,8 +74,8 @@ pub fn mirrored(address: &str) -> String {
     }
 }
 
-/// Folder of downloaded weights: `SHARP_BENCH_WEIGHTS` if set, else `weights` in [`user_cache`]; `None` if there is no
-/// such folder.
+/// Folder of downloaded weights: `SHARP_BENCH_WEIGHTS` if set, else `weights` in [`user_cache`];
+/// `None` if neither is defined.
 pub fn cache_folder() -> Option<PathBuf> {
     let given = variable("SHARP_BENCH_WEIGHTS");
     given.or_else(|| user_cache().map(|cache| cache.join("weights")))

@@ -11,7 +11,8 @@ use sha2::{Digest, Sha256};
 use crate::error::Fault;
 use crate::hash::hex;
 
-/// Random access to the bytes of a checkpoint: its table of contents and its tensors are read through this.
+/// Random access to the bytes of a checkpoint, through which its table of contents and its tensors
+/// are read.
 pub(crate) trait Bytes {
     /// Length of the file when it was opened.
     fn len(&self) -> usize;
@@ -32,7 +33,7 @@ pub(crate) trait Bytes {
         Ok(bytes)
     }
 
-    /// Returns the first `len` bytes, or all if there are fewer.
+    /// Returns the first `len` bytes, or all bytes if the file is shorter.
     ///
     /// # Errors
     /// As for [`Self::read_into`].
@@ -41,8 +42,8 @@ pub(crate) trait Bytes {
     }
 }
 
-/// An open file. It is read rather than memory-mapped: if someone truncates a mapped file, accessing it kills the
-/// process.
+/// An open file. The file is read rather than memory-mapped, because accessing a mapped file that
+/// someone truncates kills the process.
 #[derive(Debug)]
 pub(crate) struct OpenFile {
     file: Mutex<File>,

@@ -92,8 +92,8 @@ impl Checkpoint {
     /// rounded to the nearest f32.
     ///
     /// # Errors
-    /// [`CheckpointError::NoTensor`] if the file has no tensor of this name; [`CheckpointError::Io`] if it cannot be
-    /// read.
+    /// [`CheckpointError::NoTensor`] if the file has no tensor of this name;
+    /// [`CheckpointError::Io`] if the file cannot be read.
     pub fn tensor_f32(&self, name: &str) -> Result<Vec<f32>, CheckpointError> {
         let values = self.layout(name)?.f32(&self.file);
         values.map_err(|fault| fault.at(&self.path))
@@ -102,8 +102,8 @@ impl Checkpoint {
     /// Elements of a tensor in their stored type, little-endian, in C order.
     ///
     /// # Errors
-    /// [`CheckpointError::NoTensor`] if the file has no tensor of this name; [`CheckpointError::Io`] if it cannot be
-    /// read.
+    /// [`CheckpointError::NoTensor`] if the file has no tensor of this name;
+    /// [`CheckpointError::Io`] if the file cannot be read.
     pub fn tensor_bytes(&self, name: &str) -> Result<Vec<u8>, CheckpointError> {
         let bytes = self.layout(name)?.bytes(&self.file);
         bytes.map_err(|fault| fault.at(&self.path))

@@ -113,9 +113,9 @@ fn partial_path(path: &Path) -> PathBuf {
 }
 
 impl Checkpoint {
-    /// Writes the tensors for which `keep(name)` is true to a safetensors file, in their stored types. The header
-    /// records this file's hash as `source_sha256`; if the metadata already contains that key, it is kept, so that
-    /// converting twice preserves the original source.
+    /// Writes the tensors for which `keep(name)` is true to a safetensors file, in their stored
+    /// types. The header records this checkpoint's hash as `source_sha256`, unless the metadata
+    /// already contains that key; thus, the hash of the original survives repeated conversions.
     ///
     /// # Errors
     /// As for [`write_safetensors`].

@@ -16,7 +16,7 @@ pub enum DownloadError {
     #[error("{address}: {reason}")]
     Transfer {
         address: String,
-        /// The last failure.
+        /// Reason for the last failure.
         reason: String,
     },
     /// The server sent something other than the expected file.
@@ -36,7 +36,7 @@ pub struct Progress {
     pub total: u64,
 }
 
-/// A published file.
+/// A published file to download.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Download {
     pub address: String,
@@ -108,7 +108,7 @@ impl Download {
             Some(value.to_str().ok()?.to_owned())
         };
         let status = response.status().as_u16();
-        // The partial file is already complete.
+        // The server's answer if the partial file is already complete.
         let whole = format!("bytes */{start}");
         if status == 416
             && self.sizes.contains(&start)

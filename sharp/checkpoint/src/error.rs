@@ -16,7 +16,8 @@ pub enum CheckpointError {
     /// The file violates its format or is inconsistent.
     #[error("{}: {reason}", path.display())]
     Malformed { path: PathBuf, reason: String },
-    /// The pickle refers to a function or class that a state dict does not need. It is not called.
+    /// The pickle refers to a function or class that a state dict does not need. Nothing is
+    /// called.
     #[error("{}: the pickle refers to '{global}', which is not part of a plain state dict; \
              save the state dict alone (torch.save(model.state_dict(), …))", path.display())]
     ForbiddenGlobal {

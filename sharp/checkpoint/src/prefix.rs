@@ -18,7 +18,7 @@ impl Checkpoint {
     /// Returns what was removed (`module._orig_mod.`), if anything.
     ///
     /// # Errors
-    /// All prefixes found, sorted, if there is more than one, or if two tensors would get the same name.
+    /// All prefixes found, sorted, if there are several, or if two tensors would get the same name.
     pub fn without_prefix(
         &mut self,
         roots: &BTreeSet<String>,

@@ -94,9 +94,10 @@ pub(crate) struct TensorLayout {
 impl TensorLayout {
     /// Creates a view into a storage.
     ///
-    /// `storage` is the byte range of the whole storage in a file of `file_len` bytes, `offset` the index of the first
-    /// element in it. The tensor may overlap itself (stride 0). It must not have more elements than the file has bytes:
-    /// real tensors never have, and the limit bounds the memory needed to read one.
+    /// `storage` is the byte range of the whole storage in a file of `file_len` bytes, `offset` the
+    /// index of the tensor's first element within the storage. The tensor may overlap itself
+    /// (stride 0). It must not have more elements than the file has bytes: real tensors never have,
+    /// and the limit bounds the memory needed to read one.
     pub(crate) fn new(
         dtype: DType,
         shape: Vec<usize>,

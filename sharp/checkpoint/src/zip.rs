@@ -29,7 +29,7 @@ const LOCAL_LEN: usize = 30;
 pub(crate) enum ZipEntry {
     /// Uncompressed, at this byte range of the file.
     Stored(Range<usize>),
-    /// Cannot be read, for the given reason.
+    /// The data cannot be read, for the given reason.
     Unreadable(String),
 }
 
@@ -49,7 +49,7 @@ fn u64_at(b: &[u8], at: usize) -> u64 {
     u32_at(b, at) | u32_at(b, at + 4) << 32
 }
 
-/// Reads `len` bytes at `start`; `what` names them in the error.
+/// Reads `len` bytes at `start`; errors call the bytes `what`.
 fn slice(file: &(impl Bytes + ?Sized), start: u64, len: u64, what: &str) -> Result<Vec<u8>, Fault> {
     let end = start.checked_add(len);
     match end.filter(|&end| end <= file.len() as u64) {
@@ -135,8 +135,8 @@ fn entry(
     let mut packed = u32_at(record, 20);
     let mut size = u32_at(record, 24);
     let mut start = u32_at(record, 42);
-    // A 32-bit value of all ones means that the actual value is in the 64-bit field. That field contains only such
-    // values, in the order of this loop.
+    // A 32-bit value of all ones means that the actual value is in the 64-bit extra field, which
+    // contains only the values replaced in this way, in the order of this loop.
     let wide = wide_field(extra);
     let mut at = 0;
     for value in [&mut size, &mut packed, &mut start] {

@@ -88,9 +88,9 @@ pub fn attention(simd: Simd, qkv: &[f32], out: &mut [f32], shape: AttentionShape
 struct Parts {
     tokens: usize,
     head_dim: usize,
-    /// Tokens, padded to whole panels.
+    /// Number of tokens, padded to whole panels.
     columns: usize,
-    /// Rows processed at a time.
+    /// Number of rows processed at a time.
     rows: usize,
     /// Distance between query rows.
     query_stride: usize,

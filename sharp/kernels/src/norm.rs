@@ -206,7 +206,8 @@ fn moments_body<const FMA: bool>(x: &[f32], sums: &mut [[f64; 2]]) {
                 let mut v = [0.0_f32; WIDE];
                 v.copy_from_slice(&pixel[first..first + WIDE]);
                 for l in 0..WIDE {
-                    // The square is exact in f64, so fusing would change nothing.
+                    // The square is exact in f64, so a fused multiply-add would give the same
+                    // result.
                     let v = f64::from(v[l]);
                     sum[l] += v;
                     square[l] += v * v;

@@ -19,8 +19,8 @@ pub struct MaxPool {
 impl MaxPool {
     /// Creates a pooling over windows of `size` × `size`, one every `stride` pixels.
     ///
-    /// `ceil`: if true, a last window that extends beyond the image is kept and pools only the pixels it covers
-    /// (PyTorch's `ceil_mode`). It must still start inside the image.
+    /// `ceil`: if true, a last window that extends beyond the image is kept and pools only the
+    /// pixels it covers (PyTorch's `ceil_mode`). Such a window must still start inside the image.
     ///
     /// # Panics
     /// If `size` or `stride` is zero.
@@ -85,8 +85,8 @@ impl RowOp for MaxPool {
 }
 
 per_instruction_set! {
-    /// Adds one input row to the maxima in `output`: each becomes the maximum of its previous value and of the row's
-    /// part of its window. For the `first` row, previous values are ignored.
+    /// Adds one input row to the maxima in `output`: each maximum is updated with the row's part of
+    /// its window. For the `first` row, previous values are ignored.
     fn max_row(
         input: &[f32],
         output: &mut [f32],

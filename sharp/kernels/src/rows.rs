@@ -8,7 +8,7 @@ use std::ops::Range;
 pub struct RowWindow<'a> {
     /// The first rows of the window.
     head: &'a [f32],
-    /// The remaining rows.
+    /// The remaining rows of the window.
     tail: &'a [f32],
     /// Image row at which `tail` begins.
     split: usize,
@@ -33,8 +33,8 @@ impl<'a> RowWindow<'a> {
         Self::in_two(&[], data, rows, height, width, channels)
     }
 
-    /// Like [`new`](Self::new), for rows in two slices: those of `tail` follow those of `head`. Thus, rows kept from
-    /// the previous strip need not be copied next to the new ones.
+    /// Like [`new`](Self::new), for rows in two slices: the rows of `tail` follow the rows of
+    /// `head`. Thus, rows kept from the previous strip need not be copied next to the new ones.
     ///
     /// # Panics
     /// If the total length is wrong, `head` ends within a row, or the rows lie outside the image.

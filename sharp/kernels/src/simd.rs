@@ -52,7 +52,8 @@ impl FromStr for InstructionSet {
     }
 }
 
-/// Proof that this machine supports an [`InstructionSet`]: kernels take it by value and rely on it.
+/// Proof that this machine supports an [`InstructionSet`]: kernels take a `Simd` by value and rely
+/// on the support.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Simd(InstructionSet);
 
@@ -75,8 +76,8 @@ pub enum PinError {
 }
 
 impl Simd {
-    /// The pinned instruction set, or else the fastest one of this machine. The result never changes: after the first
-    /// call, no other set can be [pinned](Self::pin).
+    /// The pinned instruction set, or else the fastest set of this machine. The result never
+    /// changes: after the first call, no other set can be [pinned](Self::pin).
     pub fn detect() -> Self {
         let fastest = || {
             let sets = InstructionSet::ALL.into_iter().rev();
@@ -85,11 +86,11 @@ impl Simd {
         *IN_USE.get_or_init(|| fastest().unwrap_or(Self(InstructionSet::Portable)))
     }
 
-    /// Makes [`detect`](Self::detect) return this set for the rest of the process, so that different machines compute
-    /// the same bits. Call it before computing anything.
+    /// Makes [`detect`](Self::detect) return `wanted` for the rest of the process, so that
+    /// different machines compute the same bits. Call it before computing anything.
     ///
     /// # Errors
-    /// If the machine does not support the set, or another one is already in use.
+    /// If the machine does not support the set, or another set is already in use.
     pub fn pin(wanted: InstructionSet) -> Result<Self, PinError> {
         let simd = Self::new(wanted).ok_or(PinError::Unsupported { wanted })?;
         let in_use = IN_USE.get_or_init(|| simd).0;
@@ -169,7 +170,7 @@ macro_rules! per_instruction_set {
                 match simd.instruction_set() {
                     // SAFETY: a `Simd` of this set exists only if the machine supports it.
                     $crate::InstructionSet::Avx512 => return unsafe { avx512($($arg),*) },
-                    // SAFETY: as above.
+                    // SAFETY: a `Simd` of this set exists only if the machine supports it.
                     $crate::InstructionSet::Avx2 => return unsafe { avx2($($arg),*) },
                     $crate::InstructionSet::Portable => {}
                 }

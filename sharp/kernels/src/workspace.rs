@@ -77,7 +77,7 @@ pub(crate) fn run_tasks(count: usize, scratch_len: usize, task: impl Fn(usize, &
     idle().push(scratch);
 }
 
-/// A slice that several tasks write to, each to its own elements.
+/// A slice to which several tasks write, each to its own elements.
 #[derive(Clone, Copy)]
 pub(crate) struct SharedOut<'a> {
     start: *mut f32,
@@ -88,7 +88,8 @@ pub(crate) struct SharedOut<'a> {
 // SAFETY: access is through `slice` and `pointer`, whose callers guarantee that no two threads access the same
 // elements.
 unsafe impl Send for SharedOut<'_> {}
-// SAFETY: as above.
+// SAFETY: access is through `slice` and `pointer`, whose callers guarantee that no two threads
+// access the same elements.
 unsafe impl Sync for SharedOut<'_> {}
 
 impl<'a> SharedOut<'a> {

@@ -30,8 +30,8 @@ pub enum ComposerGradientError {
 /// Computes the gradient from `gaussians`, the gradient of the composed Gaussians in their order and in the composer's
 /// space. `view_depth` is ignored, because the gradient of the mean already includes it.
 ///
-/// This is the derivative of the forward definition in real numbers, computed in f64; values out of the range of f32
-/// saturate.
+/// The gradient is the derivative of the forward definition in real numbers, computed in f64;
+/// values out of the range of f32 saturate.
 ///
 /// # Errors
 /// [`ComposerGradientError`] if lengths do not match `base`.
@@ -81,7 +81,7 @@ pub fn backward(
     Ok(out)
 }
 
-/// Inputs of a single Gaussian.
+/// Inputs of the composer for a single Gaussian.
 struct Block {
     x: f64,
     y: f64,
@@ -124,7 +124,8 @@ impl Block {
             deltas[3 + c] =
                 scales[c] * size_per_z * z * MAX_SCALE * SCALE_SLOPE * sigmoid_slope(share);
         }
-        // Mean and scales are proportional to z before that multiplication, and to `global_scale` after it.
+        // Mean and scales are proportional to z before multiplication by `global_scale`, and to
+        // `global_scale` after it.
         let global_scale = (of_z + of_size * size_per_z) * z / self.global_scale;
         of_z += of_size * size_per_z;
         deltas[0] = f64::from(XY_FACTOR) * mean[0] * z;
@@ -153,8 +154,8 @@ impl Block {
     }
 }
 
-/// Derivative of the sigmoid, as sigmoid(x) · sigmoid(−x). Unlike s · (1 − s), which is 0 above x ≈ 37, this becomes 0
-/// only where e⁻ˣ does.
+/// Derivative of the sigmoid, as sigmoid(x) · sigmoid(−x). Unlike s · (1 − s), which is 0 above x ≈
+/// 37, this product is 0 only where e⁻ˣ is 0.
 fn sigmoid_slope(x: f64) -> f64 {
     sigmoid(x) * sigmoid(-x)
 }
@@ -163,7 +164,7 @@ fn softplus_slope(x: f64) -> f64 {
     if x > 20.0 { 1.0 } else { sigmoid(x) }
 }
 
-/// Derivative of [`inverse_softplus`]; 0 below its clamp.
+/// Derivative of [`inverse_softplus`]; 0 where that function clamps its argument.
 fn inverse_softplus_slope(t: f64) -> f64 {
     if t < 1e-6 { 0.0 } else { -1.0 / (-t).exp_m1() }
 }

@@ -26,7 +26,7 @@ pub const AXES: &str = "axes";
 /// does not state its axes.
 ///
 /// # Errors
-/// The text of that suspicion, if there is one and no signs are given.
+/// The suspicion's text, if there is such a suspicion and `signs` is `None`.
 pub fn turn(
     gaussians: &mut Gaussians,
     doubts: &mut Vec<Suspicion>,
@@ -48,8 +48,9 @@ const MAX_EXPANSION: usize = 256;
 /// Advice on converting unsupported formats.
 const CONVERT: &str = "convert it with `npx @playcanvas/splat-transform IN OUT.ply`";
 
-/// Reads a scene from a file, or from a folder that contains a SOG's `meta.json`. `reading` overrides the format's own
-/// number encodings. It also sets the blending colour space, and the colour encoding of files that do not state one.
+/// Reads a scene from a file, or from a folder that contains a SOG's `meta.json`. `reading`
+/// overrides the format's own number encodings. `reading` also sets the blending colour space, and
+/// the colour encoding of files that do not state one.
 ///
 /// # Errors
 /// [`PlyError`] with the path and the reason; [`PlyReason::Foreign`] for a recognised but unsupported format.
@@ -96,7 +97,8 @@ pub fn from_bytes(
     }
 }
 
-/// Recognises an unsupported format by its first bytes and its name; returns its name with advice.
+/// Recognises an unsupported format by a file's first bytes and name; returns the format's name
+/// with advice.
 pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     let name = name.to_ascii_lowercase();
     let is = |end: &str| name.ends_with(end);

@@ -7,7 +7,7 @@ use crate::render::Rule;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MarkedRule {
     pub rule: Rule,
-    /// True if the file states the rule, false if it is only likely.
+    /// True if the file states the rule, false if the rule is only likely.
     pub is_stated: bool,
     pub why: &'static str,
 }

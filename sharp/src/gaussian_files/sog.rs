@@ -25,12 +25,12 @@ fn damaged(what: impl Into<String>) -> PlyReason {
     }
 }
 
-/// Reads the files in a folder that its `meta.json` lists.
+/// Reads the files that the `meta.json` of a folder lists.
 pub(super) fn from_folder(folder: &Path) -> Result<Decoded, PlyReason> {
     read(|name| crate::files::read(&folder.join(name)).map_err(|error| error.to_string()))
 }
 
-/// Reads a zip archive.
+/// Reads a SOG from the bytes of a zip archive.
 pub(super) fn from_archive(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes))
         .map_err(|_| damaged("its zip archive has no list of files at its end: truncated?"))?;
@@ -201,7 +201,7 @@ impl Sog {
         match self.meta["model"].as_str() {
             Some("antialiased") => marks.antialiased = Some(true),
             Some("2dgs") => marks.set_mode(SplatRenderMode::Flat),
-            // Written by spark.
+            // The program spark writes this entry.
             _ if self.meta["antialias"] == true => marks.antialiased = Some(true),
             _ => {}
         }

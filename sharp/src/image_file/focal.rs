@@ -13,20 +13,22 @@ pub enum FocalSource {
     /// The physical focal length stated in the file, in millimetres. Below 10 it is assumed to be a phone's and
     /// multiplied by 8.4, as in the release.
     Lens(f64),
-    /// Nothing stated: assumes 30 mm (35 mm equivalent). This silently determines the metric scale.
+    /// No focal length is stated: assumes 30 mm (35 mm equivalent), which silently determines the
+    /// metric scale.
     Default,
 }
 
 /// Default focal length: millimetres, 35 mm equivalent.
 const DEFAULT_FOCAL_MM: f64 = 30.0;
-/// Lenses whose focal length is below this, in millimetres, are assumed to be those of phones, as in the release.
+/// Focal lengths below this, in millimetres, are assumed to be those of phone lenses, as in the
+/// release.
 const PHONE_MM: f64 = 10.0;
 /// Focal lengths of lenses on 35 mm film, from fisheyes and action cameras to telescopes.
 const LENSES_MM: RangeInclusive<f64> = 7.0..=3000.0;
 /// Relative tolerance between two values stated in a file, because converters crop a few rows and
 /// millimetres are rounded.
 const TOLERANCE: f64 = 0.1;
-/// Relative tolerance between a picture's sides and those stated in its file.
+/// Relative tolerance between a picture's sides and the sides stated in its file.
 const SIDE_TOLERANCE: f64 = 0.02;
 
 /// Aspect ratios (long side over short side) of cameras: 1:1, 7:6, 5:4, 4:3, 3:2, 16:9, 65:24.
@@ -134,7 +136,8 @@ fn stated_size(exif: &Exif, (width, height): (f64, f64)) -> Option<(f64, f64)> {
     })
 }
 
-/// Warns if the picture has an aspect ratio that no camera produces and its file does not state the original size.
+/// Warns if no camera produces the picture's aspect ratio and the file does not state the original
+/// size.
 fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
     let (long, short) = (width.max(height), width.min(height));
     let fits = |shape: f64| (long - short * shape).abs() <= (0.01 * long).max(1.0);
@@ -183,7 +186,8 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
     })
 }
 
-/// Warns about a 35 mm equivalent that no lens has. Some programs write the lens's own focal length there.
+/// Warns about a 35 mm equivalent that no lens has. Some programs write the lens's own focal length
+/// in its place.
 fn unlikely(source: FocalSource, px: f64) -> Option<String> {
     match source {
         FocalSource::Equivalent35mm(mm) if !LENSES_MM.contains(&mm) => Some(format!(
@@ -223,7 +227,8 @@ struct Sensor {
 }
 
 impl Sensor {
-    /// Computes the focal length from the pixel pitch that the file states; `None` if it states none.
+    /// Computes the focal length from the pixel pitch that the file states; `None` if the file
+    /// states no pixel pitch.
     fn of(exif: &Exif, stated: (f64, f64), size: (f64, f64)) -> Option<Self> {
         let per_unit = positive(exif, Tag::FocalPlaneXResolution)?;
         let lens_mm = positive(exif, Tag::FocalLength)?;

@@ -7,7 +7,7 @@ use crate::camera::Intrinsics;
 
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 
-/// Detects the format of a picture; an error if it is not supported.
+/// Detects the format of a picture; an unsupported format is an error.
 pub(super) fn of(bytes: &[u8]) -> Result<ImageFormat, ImageFileError> {
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(32)]).to_ascii_lowercase();
     let text = text.trim_start();
@@ -104,7 +104,7 @@ fn png_bits(start: &[u8]) -> f64 {
         2 => 3.0,
         4 => 2.0,
         6 => 4.0,
-        // Grey or palette index.
+        // Grey or palette index: one sample per pixel.
         _ => 1.0,
     };
     (f64::from(*depth) * channels).max(1.0)

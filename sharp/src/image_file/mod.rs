@@ -392,9 +392,10 @@ const FEWEST_PIXELS: u32 = 256;
 /// Multiples of 256 are no accident if a picture has at least this many of them.
 const FEWEST_LEVELS: usize = 8;
 
-/// Rejects 16-bit pictures that are nearly black because their values have only 8 to 12 bits, and those whose 8-bit values
-/// were multiplied by 256. Accepts pictures converted from 8 bits properly, whose values are multiples of 257, and
-/// pictures with too few pixels or levels to judge.
+/// Rejects 16-bit pictures that are nearly black because their values have only 8 to 12 bits, and
+/// pictures whose 8-bit values were multiplied by 256. Accepts pictures converted from 8 bits
+/// properly, whose values are multiples of 257, and pictures with too few pixels or levels to
+/// judge.
 fn refuse_unscaled(image: &DynamicImage) -> Result<(), ImageFileError> {
     let (values, has_alpha, channels) = match image {
         DynamicImage::ImageLuma16(image) => (image.as_raw(), false, 1),

@@ -28,7 +28,7 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
                 "the checksum (CRC) of its {name} chunk is wrong: the file is damaged"
             ));
         }
-        // A palette consists of RGB triples; the decoder relies on it.
+        // A palette consists of RGB triples; the decoder relies on this.
         if name == "PLTE" && (!length.is_multiple_of(3) || !(3..=768).contains(&length)) {
             return Err(format!(
                 "its palette has {length} bytes, which is not a list of colours"
@@ -41,8 +41,8 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
     }
 }
 
-/// Text that names gAMA and cHRM if they contradict sRGB; `None` if neither does, or if a cICP, iCCP or sRGB chunk
-/// describes the colours.
+/// Text that names the chunks gAMA and cHRM if they contradict sRGB; `None` if they do not, or if a
+/// cICP, iCCP or sRGB chunk describes the colours.
 pub(super) fn against_srgb(chunks: &BTreeMap<[u8; 4], Vec<u8>>) -> Option<String> {
     const SRGB: [u32; 8] = [
         31_270, 32_900, 64_000, 33_000, 30_000, 60_000, 15_000, 6_000,

@@ -275,7 +275,7 @@ impl MatrixProfile {
 /// The 8-bit level nearest to encoded linear light. Equal to rounding `encoded`, but computes no
 /// power per pixel.
 fn level_of(linear: f64) -> u8 {
-    /// Upper bound of each level.
+    /// Upper bound of each level, in linear light.
     static ENDS: LazyLock<[f64; 255]> = LazyLock::new(|| {
         std::array::from_fn(|level| match (level as f64 + 0.5) / 255.0 {
             edge if edge <= 0.040_45 => edge / 12.92,

@@ -62,7 +62,7 @@ choices! {
         /// profiles are an error.
         #[default]
         Convert = "convert",
-        /// Interpreted as sRGB.
+        /// Colours are interpreted as sRGB, whatever the profile.
         AsStored = "as-stored",
     }
 }
@@ -71,8 +71,8 @@ choices! {
     #[derive(Default)]
     /// Treatment of the EXIF orientation.
     OrientationRule {
-        /// Without a camera, the picture is turned upright. With one, it is turned only if it has the camera's size
-        /// upright, but not as stored.
+        /// Without a camera, the picture is turned upright. With a camera, the picture is turned
+        /// only if it has the camera's size when upright, but not as stored.
         #[default]
         Auto = "auto",
         Stored = "stored",
@@ -85,7 +85,7 @@ choices! {
     ExrTransfer {
         /// Linear light: clamped to 0..1 and encoded. Written by most programs.
         Linear = "linear",
-        /// sRGB-encoded.
+        /// Values are sRGB-encoded.
         Srgb = "srgb",
     }
 }
@@ -98,7 +98,8 @@ pub struct PictureRules {
 }
 
 impl PictureRules {
-    /// For data that is not a photograph, such as depth maps and masks: levels as stored.
+    /// Rules for data that are not photographs, such as depth maps and masks: levels are used as
+    /// stored.
     pub const AS_STORED: Self = Self {
         alpha: AlphaRule::Drop,
         color: ColorRule::AsStored,

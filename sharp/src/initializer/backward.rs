@@ -22,10 +22,10 @@ pub struct BaseGradient {
 /// (`features`, `[layers, height, width]`). `normalized` is the result of normalising `depth`.
 ///
 /// Subgradients match torch's: a block's value belongs to the first of its nearest pixels, row by
-/// row. Pixels beyond [`MAX_NORMALIZED_DEPTH`] get no gradient, but those exactly on it do. The
-/// gradient of the factor is divided evenly among all nearest pixels, as in torch's `amin`; the
-/// release's `min` assigns it to one of them. (Ties occur because the release's two layers start as
-/// copies of each other.) The gradient is zero for invalid depth.
+/// row. Pixels beyond [`MAX_NORMALIZED_DEPTH`] get no gradient, but pixels exactly at that depth
+/// do. The gradient of the factor is divided evenly among all nearest pixels, as in torch's `amin`;
+/// the release's `min` assigns it to one nearest pixel. (Ties occur because the release's two
+/// layers start as copies of each other.) The gradient is zero for invalid depth.
 ///
 /// # Errors
 /// [`InitializerError::Grid`] for an empty or indivisible grid; [`InitializerError::Length`] if an input does not fill
@@ -54,7 +54,7 @@ pub fn backward(
     ))
 }
 
-/// Adds the gradient of the pooled values to that of the inverse normalised depth.
+/// Adds the gradient of the pooled values to the gradient of the inverse normalised depth.
 fn through_pooling(
     inverse: &mut [f64],
     normalized: &NormalizedDepth,

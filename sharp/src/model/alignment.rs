@@ -1,5 +1,5 @@
-//! A small U-Net that predicts a map of factors from predicted to known depth. It was trained along with the network;
-//! prediction does not need it.
+//! A small U-Net that predicts a map of factors from predicted to known depth. The U-Net was
+//! trained along with the main network; prediction does not need it.
 
 use candle_core::{Result, Tensor};
 use candle_nn::Module;
@@ -38,12 +38,12 @@ impl NormResidualBlock {
         }
     }
 
-    /// First normalisation of `x`.
+    /// Output of the block's first normalisation for `x`.
     pub(super) fn normalized(&self, x: &Tensor) -> Result<Tensor> {
         self.norm0.forward(x)
     }
 
-    /// Output of the block, given `x` and its [`normalized`](Self::normalized) form.
+    /// Output of the block, given `x` and the result of [`normalized`](Self::normalized) for `x`.
     pub(super) fn refined(&self, x: &Tensor, normal: Tensor) -> Result<Tensor> {
         let inner = self.conv2.forward(&normal)?;
         drop(normal);

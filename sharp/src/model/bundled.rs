@@ -1,5 +1,5 @@
-//! The small network bundled with the source code: its configuration is compiled in; its weights are in the file
-//! `sharp/mini/mini.safetensors`, which is distributed with the programs.
+//! The small network bundled with the source code: the configuration is compiled in; the weights
+//! are in the file `sharp/mini/mini.safetensors`, which is distributed with the programs.
 
 use std::path::Path;
 

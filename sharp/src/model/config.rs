@@ -20,7 +20,7 @@ pub struct VitConfig {
     /// Channels of a token.
     pub embed_dim: usize,
     pub depth: usize,
-    /// Attention heads, each `embed_dim / num_heads` wide.
+    /// Number of attention heads, each `embed_dim / num_heads` wide.
     pub num_heads: usize,
     /// Initial LayerScale in training; unused at inference.
     #[serde(default)]
@@ -53,12 +53,13 @@ pub enum AlignmentInput {
     /// The first of the two layers, as in the release. The network then has two input channels.
     #[default]
     FirstLayer,
-    /// Both layers, a possible reading of the paper. The network then has three input channels.
+    /// Both layers, a possible interpretation of the paper. The network then has three input
+    /// channels.
     BothLayers,
 }
 
 impl AlignmentInput {
-    /// Number of predicted layers.
+    /// Number of predicted layers that the network receives.
     pub fn layers(self) -> usize {
         match self {
             Self::FirstLayer => 1,
@@ -89,7 +90,7 @@ pub struct ModelConfig {
     pub hook_ids: [usize; 4],
     /// Channels of the projected maps, finest first; the first applies to both tapped maps.
     pub encoder_dims: [usize; 4],
-    /// True for overlapping patches (5×5 + 3×3 + 1), false for disjoint ones (4×4 + 2×2 + 1).
+    /// True for overlapping patches (5×5 + 3×3 + 1), false for disjoint patches (4×4 + 2×2 + 1).
     pub use_patch_overlap: bool,
     /// Channels of the depth decoder, level by level.
     pub monodepth_dims_decoder: [usize; 5],
@@ -97,7 +98,7 @@ pub struct ModelConfig {
     pub gaussian_dims_decoder: [usize; 5],
     /// Output channels of the texture and geometry heads.
     pub gaussian_dim_out: usize,
-    /// Groups of the heads' normalisations.
+    /// Number of groups in the heads' normalisations.
     pub gaussian_norm_num_groups: usize,
     /// Channels of the alignment network's finest level.
     pub alignment_base_width: usize,
@@ -161,12 +162,12 @@ impl ModelConfig {
         }
     }
 
-    /// Reads `FILE` or `FILE#NAME`: a JSON object with the fields of this type, or an object of named configurations
-    /// from which `NAME` selects one (optional if there is only one).
+    /// Reads `FILE` or `FILE#NAME`: a JSON object with the fields of this type, or an object of
+    /// named configurations from which `NAME` selects one (optional if the object has only one).
     ///
     /// # Errors
-    /// [`ModelError::File`] if the file cannot be read or does not contain that configuration, [`ModelError::Config`]
-    /// if it describes an impossible network.
+    /// [`ModelError::File`] if the file cannot be read or does not contain the requested
+    /// configuration; [`ModelError::Config`] if the configuration describes an impossible network.
     pub fn load(file_and_name: &str) -> Result<Self, ModelError> {
         let (file, name) = match file_and_name.rsplit_once('#') {
             Some((file, name)) => (file, Some(name)),
@@ -179,8 +180,8 @@ impl ModelConfig {
         Ok(config)
     }
 
-    /// All configurations in a file that [`Self::load`] accepts, with their names (empty for an unnamed one). Returns
-    /// an empty list for any other file.
+    /// All configurations in a file that [`Self::load`] accepts, with their names (an unnamed
+    /// configuration has an empty name). Empty for any other file.
     pub fn all_of(path: &Path) -> Vec<(String, Self)> {
         let Ok(text) = crate::files::read_text(path) else {
             return Vec::new();

@@ -11,7 +11,7 @@ use super::observer::{StageObserver, StageValue};
 use super::ops::Recompute;
 use super::params::Params;
 
-/// `y + conv3(relu(conv1(relu(y))))`: both 3×3, no normalisation.
+/// `y + conv3(relu(conv1(relu(y))))`, where both convolutions are 3×3; no normalisation.
 struct ResidualBlock {
     conv1: Conv,
     conv3: Conv,
@@ -82,7 +82,7 @@ impl FusionBlock {
     }
 }
 
-/// The decoder; there is one for depth and one for Gaussians.
+/// Fuses feature maps of several resolutions; one decoder serves depth, another the Gaussians.
 pub(super) struct MultiresConvDecoder {
     /// Levels of the decoder, finest first.
     levels: Vec<Arc<Level>>,
@@ -90,8 +90,8 @@ pub(super) struct MultiresConvDecoder {
 }
 
 struct Level {
-    /// Projects the map to the decoder's width: 1×1 at the finest level, 3×3 at the others; `None` if the map already
-    /// has that width.
+    /// Projects the map to the decoder's width, by a 1×1 convolution at the finest level and a 3×3
+    /// one elsewhere; `None` if the map already has that width.
     conv: Option<Conv>,
     fusion: FusionBlock,
 }

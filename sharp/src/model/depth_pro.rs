@@ -30,10 +30,12 @@ const SHARPS_DEPTH: &str = "monodepth_model.monodepth_predictor.";
 /// Name prefix of the field-of-view head, which is missing in some checkpoints.
 const FOV: &str = "fov.";
 
-/// All parameters of Depth Pro, in order of construction. The sizes are those of the depth network of `config`.
+/// All parameters of Depth Pro, in order of construction. Sizes are taken from the depth network of
+/// `config`.
 ///
 /// # Errors
-/// [`ModelError::Config`] for an impossible configuration, or one that the field-of-view head does not fit.
+/// [`ModelError::Config`] for an impossible configuration, or a configuration that the
+/// field-of-view head does not fit.
 pub fn parameters(config: &ModelConfig, has_fov: bool) -> Result<Vec<Parameter>, ModelError> {
     config.validate()?;
     if has_fov
@@ -49,9 +51,9 @@ pub fn parameters(config: &ModelConfig, has_fov: bool) -> Result<Vec<Parameter>,
     Ok(declared(|p| Modules::new(config, p, has_fov)))
 }
 
-/// A checkpoint of Depth Pro as a source of weights, under its own names or those of SHARP's depth
-/// network. In the latter case, both of SHARP's disparity layers get the weights of Depth Pro's
-/// single one.
+/// A checkpoint of Depth Pro as a source of weights, under Depth Pro's names or the names of
+/// SHARP's depth network. Under SHARP's names, both disparity layers get the weights of Depth Pro's
+/// single layer.
 #[derive(Debug)]
 pub struct DepthProSource(CheckpointSource);
 
@@ -71,7 +73,7 @@ impl DepthProSource {
         Ok(Self(CheckpointSource::open_with(path, &parameters)?))
     }
 
-    /// Opens a file; `None` if it is not Depth Pro's.
+    /// Opens a file; `None` if the file is not a checkpoint of Depth Pro.
     ///
     /// # Errors
     /// As for [`Self::open`].
@@ -85,7 +87,8 @@ impl DepthProSource {
         self.0.has(FOV)
     }
 
-    /// Checks the file like [`CheckpointSource::check`].
+    /// Checks that the file contains every parameter of Depth Pro, and no other tensors except
+    /// those whose names begin with one of `allow_unused`.
     ///
     /// # Errors
     /// As for [`CheckpointSource::check`].
@@ -114,12 +117,13 @@ impl WeightSource for DepthProSource {
     }
 }
 
-/// Metric depth of a photograph, and the focal length that it assumes.
+/// Metric depth of a photograph, and the focal length that the depth assumes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MetricDepth {
     /// z-depth in metres, 1e-4..1e4, `[height, width]` of the photograph.
     pub depth: Vec<f32>,
-    /// Focal length in pixels from which the depth was computed: the given one, or else the estimate.
+    /// Focal length in pixels from which the depth was computed: the given one or, if none was
+    /// given, the network's estimate.
     pub focal_px: f32,
 }
 
@@ -145,7 +149,8 @@ impl Modules {
 }
 
 impl DepthPro {
-    /// Opens the network of `spec`. Values are read from the file on demand, so it must not change in the meantime.
+    /// Opens the network of `spec`. Values are read from the file on demand, so the file must not
+    /// change in the meantime.
     ///
     /// # Errors
     /// As for [`Predictor::open`](super::Predictor::open).
@@ -167,9 +172,9 @@ impl DepthPro {
     /// estimates the focal length.
     ///
     /// # Errors
-    /// [`ModelError::Image`] if the image has the wrong size or non-finite values, if the focal length is not positive, if
-    /// none is given and the checkpoint cannot estimate it, or if the result is not finite. [`ModelError::Tensor`] if the
-    /// computation fails.
+    /// [`ModelError::Image`] if the image has the wrong size or non-finite values, if the focal
+    /// length is not positive, if no focal length is given and the checkpoint cannot estimate one,
+    /// or if the result is not finite. [`ModelError::Tensor`] if the computation fails.
     pub fn predict(
         &self,
         image: Planes<'_>,
@@ -222,7 +227,8 @@ impl DepthPro {
     }
 }
 
-/// Estimates the field of view from the whole image, by a transformer of its own, and from the coarsest feature map.
+/// Estimates the field of view from the whole image, with a separate transformer, and from the
+/// coarsest feature map.
 struct FieldOfView {
     encoder: Vit,
     project: Affine,
@@ -249,8 +255,8 @@ impl FieldOfView {
         }
     }
 
-    /// The horizontal field of view. `quarter` is the image at a quarter of the network's resolution; `coarsest` has
-    /// twice as many pixels along a side as there are tokens.
+    /// The horizontal field of view in degrees. `quarter` is the image at a quarter of the
+    /// network's resolution; `coarsest` has twice as many pixels along a side as there are tokens.
     fn degrees(
         &self,
         quarter: &[f32],

@@ -38,7 +38,7 @@ pub enum ModelError {
         expected: usize,
         found: usize,
     },
-    /// The picture cannot be used.
+    /// The picture cannot be used as input, for the given reason.
     #[error("{0}")]
     Image(String),
     /// The network's depth cannot be converted to Gaussians.
@@ -60,7 +60,7 @@ pub enum ModelError {
     Gradient(#[from] ComposerGradientError),
     #[error("{0}")]
     Device(String),
-    /// The observer stopped the prediction; its reason.
+    /// The observer stopped the prediction; holds the observer's reason.
     #[error("{0}")]
     Stopped(String),
 }

@@ -150,9 +150,10 @@ impl PredictionHead {
         }
     }
 
-    /// Maps features to the deltas of geometry (`3 · 2` channels) and texture (`11 · 2` channels). The planes of
-    /// geometry followed by those of texture are the input of [`compose`](crate::composer::compose). The layer is the
-    /// fastest-varying index of the channels.
+    /// Maps features to the deltas of geometry (`3 · 2` channels) and texture (`11 · 2` channels).
+    /// The planes of geometry followed by the planes of texture are the input of
+    /// [`compose`](crate::composer::compose). The layer is the fastest-varying index of the
+    /// channels.
     pub(super) fn forward(
         &self,
         [texture, geometry]: [Tensor; 2],

@@ -45,7 +45,8 @@ impl CheckpointSource {
         Self::open_with(path, &inventory(&ModelConfig::release())?)
     }
 
-    /// Like [`Self::open`], for a network with the names in `parameters`; their shapes are ignored.
+    /// Like [`Self::open`], for a network whose parameters have the names in `parameters`; their
+    /// shapes are ignored.
     pub(super) fn open_with(path: &Path, parameters: &[Parameter]) -> Result<Self, ModelError> {
         let roots = parameters.iter().filter_map(|p| p.name.split('.').next());
         // The first components of names are the same for all sizes.
@@ -87,8 +88,9 @@ impl CheckpointSource {
     /// ([`Parameter::used`]) may be absent.
     ///
     /// # Errors
-    /// [`ModelError::Config`] for an impossible configuration or one whose Gaussian stride or alignment input differs
-    /// from the weights'; [`ModelError::Incomplete`] with all other differences.
+    /// [`ModelError::Config`] for an impossible configuration or a configuration whose Gaussian
+    /// stride or alignment input differs from the weights'; [`ModelError::Incomplete`] with all
+    /// other differences.
     pub fn check(&self, config: &ModelConfig, allow_unused: &[String]) -> Result<(), ModelError> {
         config.validate()?;
         if let Some(stride) = self.stride()
@@ -127,9 +129,10 @@ impl CheckpointSource {
         self.check_for(parameters, &[String::new()])
     }
 
-    /// A warning about weights that training does not produce; `None` if there are none. These are tensors that end in
-    /// zeros, as in a file that was only partly written or copied, and tensors that are equal in several layers. Layers
-    /// that are zero before training are ignored.
+    /// A warning about weights that training does not produce; `None` if no weights are suspicious.
+    /// Suspicious are tensors that end in zeros, as in a file that was only partly written or
+    /// copied, and tensors that are equal in several layers. Layers that are zero before training
+    /// are ignored.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`] if the file cannot be read.
@@ -152,7 +155,7 @@ impl CheckpointSource {
                 count += 1;
                 first.get_or_insert((name, share));
             }
-            // Layers of one kind have the same name apart from their numbers.
+            // Layers of the same kind have names that differ only in their numbers.
             let is_number = |part: &&str| part.parse::<usize>().is_ok();
             let kind: Vec<&str> = name.split('.').filter(|part| !is_number(part)).collect();
             let sample = values.iter().step_by((values.len() / MIN_COMPARED).max(1));
@@ -182,8 +185,8 @@ impl CheckpointSource {
         Ok(zeros.or(repeated))
     }
 
-    /// Checks that the file contains all `parameters` that are used, and no tensors other than `parameters` and those
-    /// with a prefix in `allow_unused`; see [`Self::check`].
+    /// Checks that the file contains all `parameters` that are used, and no other tensors, except
+    /// tensors with a prefix in `allow_unused`; see [`Self::check`].
     pub(super) fn check_for(
         &self,
         parameters: Vec<Parameter>,
@@ -209,7 +212,8 @@ impl CheckpointSource {
         }
     }
 
-    /// Predicted depth layers that the weights' alignment network receives. `None` if the file has no such network.
+    /// Predicted depth layers that the weights' alignment network receives. `None` if the file has
+    /// no alignment network.
     fn alignment_layers(&self) -> Option<usize> {
         match *self.file.shape(ALIGNMENT_CONVOLUTION).ok()? {
             [_, channels, _, _] => channels.checked_sub(1),
@@ -222,7 +226,8 @@ impl CheckpointSource {
 pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_estimator.conv_out."];
 /// Minimum number of values by which two tensors are compared; tensors with fewer values are compared completely.
 const MIN_COMPARED: usize = 256;
-/// Zeros at the end of a tensor count as missing values if they are at least this share of it.
+/// Zeros at the end of a tensor count as missing values if they are at least this share of the
+/// tensor.
 const MIN_ZERO_TAIL: f64 = 0.1;
 
 const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";

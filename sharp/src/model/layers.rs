@@ -67,19 +67,19 @@ impl Conv {
         }
     }
 
-    /// Applies ReLU to the input first.
+    /// Makes the convolution apply ReLU to its input first.
     pub(super) fn after_relu(mut self) -> Self {
         self.operation.relu_input = true;
         self
     }
 
-    /// Applies ReLU to the result.
+    /// Makes the convolution apply ReLU to its result.
     pub(super) fn then_relu(mut self) -> Self {
         self.operation.relu = true;
         self
     }
 
-    /// Adds `residual` to the result.
+    /// Convolves `x` and adds `residual` to the result.
     pub(super) fn forward_plus(&self, x: &Tensor, residual: &Tensor) -> Result<Tensor> {
         self.run(x, Some(residual))
     }
@@ -144,7 +144,7 @@ impl GroupNorm {
         }
     }
 
-    /// Applies ReLU to the result.
+    /// Makes the normalisation apply ReLU to its result.
     pub(super) fn then_relu(self) -> Self {
         Self { relu: true, ..self }
     }

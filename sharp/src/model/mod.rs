@@ -1,8 +1,8 @@
 //! The SHARP network: one photograph to refined Gaussians.
 //!
-//! Modules and their parameters are named as in the official checkpoint, so that it loads without renaming. Internally,
-//! images are f32 tensors `[1, height, width, channels]`; public inputs and outputs are planes `[channels, height,
-//! width]`.
+//! Modules and their parameters are named as in the official checkpoint, which therefore loads
+//! without renaming. Internally, images are f32 tensors `[1, height, width, channels]`; public
+//! inputs and outputs are planes `[channels, height, width]`.
 //!
 //! # Contents, in the order of computation
 //! * [`config`]: sizes of a network, the release's preset, configurations in files.

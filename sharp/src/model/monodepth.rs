@@ -40,7 +40,7 @@ impl Monodepth {
         }
     }
 
-    /// `image` is `[3, R, R]` in −1..1.
+    /// Runs the depth network on `image`, `[3, R, R]` in −1..1.
     pub(super) fn forward(
         &self,
         image: &[f32],

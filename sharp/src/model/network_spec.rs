@@ -23,7 +23,7 @@ pub struct NetworkSpec {
     pub notes: Vec<String>,
 }
 
-/// Everything other than its input that a prediction depends on.
+/// Everything except the input on which a prediction depends.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NetworkIdentity {
     pub checkpoint_sha256: String,
@@ -31,7 +31,8 @@ pub struct NetworkIdentity {
     pub preset: String,
     /// SHA-256 of the configuration's values, independent of the file they were read from.
     pub config_sha256: String,
-    /// [`Compute::name`](super::Compute::name) of the device actually used, not of the one requested.
+    /// [`Compute::name`](super::Compute::name) of the device that is actually used, which may
+    /// differ from the requested one.
     pub engine: String,
 }
 

@@ -11,7 +11,7 @@ pub struct StageValue<'a>(StageData<'a>);
 
 #[derive(Clone, Copy)]
 enum StageData<'a> {
-    /// Values in C order with their shape.
+    /// Values in C order, preceded by their shape.
     Host(&'a [usize], &'a [f32]),
     Tensor(&'a Tensor),
     /// Image `[1, height, width, channels]`; if the flag is set, negative values are read as 0.
@@ -134,7 +134,8 @@ impl<F: FnMut(&'static str, f64)> StageObserver for StageProgress<F> {
 /// The patch encoder's share of the release's 21.5 TFLOP.
 const PATCH_ENCODER: f64 = 0.62;
 
-/// Stage, the part that it completes, and the fraction of all arithmetic completed at that point.
+/// For each milestone: the stage, the part that it completes, and the fraction of all arithmetic
+/// that is then complete.
 const MILESTONES: [(&str, &str, f64); 13] = [
     ("image_encoder.out", "image encoder", 0.64),
     ("encoder.feature4", "projections", 0.65),

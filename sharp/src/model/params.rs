@@ -21,7 +21,7 @@ pub trait WeightSource: Send + Sync {
     /// Values of the parameter `name` with `shape`, in C order of PyTorch's layout.
     ///
     /// # Errors
-    /// [`ModelError`] if they cannot be read.
+    /// [`ModelError`] if the values cannot be read.
     fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError>;
 }
 
@@ -45,8 +45,8 @@ impl Parameter {
     }
 }
 
-/// A source as the backend of a [`VarBuilder`]. On the CPU, values are read each time a layer requests them; on a GPU
-/// they are cached.
+/// A source of weights as the backend of a [`VarBuilder`]. On the CPU, values are read each time a
+/// layer requests them; on a GPU, tensors are cached.
 #[derive(Clone)]
 pub(super) struct Weights {
     source: Arc<dyn WeightSource>,

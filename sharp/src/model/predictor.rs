@@ -21,7 +21,7 @@ use crate::resize::bilinear_align_corners;
 /// An sRGB-encoded image as planes.
 #[derive(Debug, Clone, Copy)]
 pub struct Planes<'a> {
-    /// `[3, height, width]` in 0..1.
+    /// Values, `[3, height, width]` in 0..1.
     pub values: &'a [f32],
     pub width: usize,
     pub height: usize,
@@ -44,7 +44,7 @@ pub struct NetworkOutput {
     pub gaussians: Gaussians,
     /// Depth layers `[2, R, R]` in metres.
     pub depth: Vec<f32>,
-    /// R, the internal resolution.
+    /// R, the internal resolution of the network.
     pub resolution: usize,
 }
 
@@ -87,8 +87,8 @@ impl Predictor {
         })
     }
 
-    /// Opens the network of `spec`; see [`CheckpointSource::check`] for what its file must contain. Values are read
-    /// from the file on demand, so it must not change in the meantime.
+    /// Opens the network of `spec`; see [`CheckpointSource::check`] for the required contents of
+    /// its file. Values are read on demand, so the file must not change in the meantime.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with all differences, [`ModelError::Config`];
@@ -100,7 +100,7 @@ impl Predictor {
         Self::from_source(&spec.config, checkpoint, compute)
     }
 
-    /// [`Self::predict`] for a decoded picture, without an observer.
+    /// Like [`Self::predict`], for a decoded picture, without an observer.
     ///
     /// # Errors
     /// As for [`Self::predict`].
@@ -127,8 +127,8 @@ impl Predictor {
 
     /// Predicts Gaussians.
     ///
-    /// `disparity_factor` is the focal length divided by the width, both in pixels of the original image. It alone
-    /// determines the metric scale.
+    /// `disparity_factor` is the focal length divided by the width, both in pixels of the original
+    /// image. This factor alone determines the metric scale.
     ///
     /// # Errors
     /// [`ModelError::Image`] for an image of the wrong size, non-finite values or a factor that is not positive;

@@ -11,7 +11,7 @@ use super::inventory::inventory;
 use super::params::WeightSource;
 use super::{ModelConfig, ModelError};
 
-/// Derives every parameter from its name, see [`sharp_checkpoint::deterministic`].
+/// Derives every parameter from its name; see [`sharp_checkpoint::deterministic`].
 #[derive(Debug, Clone, Default)]
 pub struct Synth {
     /// Text that is prepended to every name.

@@ -31,19 +31,20 @@ pub struct TrainableNetwork {
     recomputes: bool,
 }
 
-/// Inputs of a pass.
+/// Inputs of a forward pass.
 #[derive(Debug, Clone, Copy)]
 pub struct TrainingInput<'a> {
     pub image: Planes<'a>,
     /// Focal length divided by width, both in pixels of the original image.
     pub disparity_factor: f32,
     /// True depth of the image, `[R, R]` in metres, to which the alignment network scales the
-    /// predicted depth; without it the factors are 1. It is infinite in the sky. At pixels where it
-    /// is 0 (unknown), the network receives the first predicted layer instead.
+    /// predicted depth; without it the factors are 1. Infinite in the sky. At pixels where the
+    /// depth is 0 (unknown), the network receives the first predicted layer instead.
     pub known_depth: Option<&'a [f32]>,
-    /// If true, a gradient that would raise a disparity passes even where the disparity is below its lower bound. If
-    /// false, a randomly initialised network may drop below the bound everywhere and never recover. At the bound
-    /// itself, gradients always pass. The release has a clamp for this purpose but does not use it.
+    /// If true, a gradient that would raise a disparity passes even where the disparity is below
+    /// its lower bound. If false, a randomly initialised network may drop below the bound
+    /// everywhere and never recover. At the bound itself, gradients always pass. The release
+    /// defines such a clamp but does not use it.
     pub zeros_return: bool,
     /// Skips the refinement of Gaussians, for losses that depend on depth alone: deltas are 0.
     pub depth_only: bool,
@@ -80,8 +81,8 @@ struct AlignmentGraph {
     depth: Tensor,
 }
 
-/// Graph from features, image and depth to deltas. It starts at new leaves, so that gradients of the features pass
-/// through the encoder only once.
+/// Graph from features, image and depth to deltas. The graph starts at new leaves, so that
+/// gradients of the features pass through the encoder only once.
 struct DeltasGraph {
     features: [Tensor; 5],
     seen: Tensor,
@@ -92,7 +93,7 @@ struct DeltasGraph {
 /// Gradient of a loss with respect to the outputs of a [`TrainingPass`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct PassGradient {
-    /// Gradient with respect to [`TrainingPass::gaussians`], in their order.
+    /// Gradient with respect to [`TrainingPass::gaussians`], in the same order.
     pub gaussians: Vec<GaussianGradient>,
     /// Gradient with respect to the inverse depth of [`TrainingPass::base`], `[2, rows, columns]`, not counting its
     /// effect through the Gaussians.
@@ -119,8 +120,8 @@ impl TrainableNetwork {
         })
     }
 
-    /// True if the backward pass computes most intermediate tensors again because memory does not hold them. This costs
-    /// another forward pass; gradients differ by rounding.
+    /// True if the backward pass computes most intermediate tensors again because memory cannot
+    /// hold them all. Recomputation costs another forward pass, and gradients differ by rounding.
     pub fn recomputes(&self) -> bool {
         self.recomputes
     }
@@ -130,8 +131,8 @@ impl TrainableNetwork {
         &self.parameters
     }
 
-    /// Runs one pass. `weights` are fetched while it runs. Gradients are tracked for the parameters for which
-    /// `trainable` returns true.
+    /// Runs one pass. `weights` are fetched while the pass runs. Gradients are tracked for the
+    /// parameters for which `trainable` returns true.
     ///
     /// # Errors
     /// As for [`Predictor::predict`](super::Predictor::predict); [`ModelError::Image`] if the known depth has the wrong

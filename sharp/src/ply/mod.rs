@@ -49,8 +49,8 @@ const VERTEX: [&str; 14] = [
 /// Gaussians and the other contents of their file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianScene {
-    /// The Gaussians in the space of the file; for SHARP, that is camera space in metres. Colours are in the reading's
-    /// blending colour space; harmonics are only kept if that is sRGB.
+    /// The Gaussians in the space of the file; for SHARP, that is camera space in metres. Colours
+    /// are in the reading's blending colour space; harmonics are only kept if that space is sRGB.
     pub gaussians: Gaussians,
     /// Camera from which the scene was predicted, if stored in the file.
     pub intrinsics: Option<Intrinsics>,
@@ -63,13 +63,13 @@ pub struct GaussianScene {
     /// Number of coefficients of view-dependent colour (`f_rest_*`) per Gaussian in the file: 9, 24, 45 or 72 for
     /// degrees 1 to 4.
     pub color_coefficients: usize,
-    /// True if any of these coefficients is not zero, so that colours depend on the view.
+    /// True if any coefficient of view-dependent colour is not zero.
     pub is_view_dependent: bool,
     /// The file's information about how it is meant to be rendered.
     pub marks: FileMarks,
     /// The encodings with which the numbers were read.
     pub reading: StoredForm,
-    /// Doubts about these encodings.
+    /// Doubts about the encodings with which the numbers were read.
     pub doubts: Vec<Suspicion>,
 }
 
@@ -156,7 +156,7 @@ pub enum PlyReason {
          release assumes, or color_space=srgb, as 3D Gaussian Splatting trains them"
     )]
     ColorSpaceUnknown,
-    /// The file is in another, recognised format.
+    /// The file is in a recognised format other than the supported ones.
     #[error("not a file of Gaussians, but {0}")]
     Foreign(String),
     #[error("it is empty: nothing was written, or its download failed")]

@@ -25,7 +25,7 @@ pub(crate) struct Decoded {
     pub(crate) intrinsics: Option<Intrinsics>,
     pub(crate) extrinsics: Option<[f32; 16]>,
     pub(crate) version: Option<[u8; 3]>,
-    /// Number of `f_rest_*` properties, or their equivalent per Gaussian in another format.
+    /// Number of `f_rest_*` properties or, in other formats, of the equivalent values per Gaussian.
     pub(crate) color_coefficients: usize,
     pub(crate) is_view_dependent: bool,
     pub(crate) doubts: Vec<Suspicion>,
@@ -35,7 +35,7 @@ impl Decoded {
     /// Decodes the scene, with `given` overriding the format's encodings.
     ///
     /// # Errors
-    /// [`PlyReason`], if the file cannot be read this way.
+    /// [`PlyReason`] if the values are invalid in these encodings or for another rendering rule.
     pub(crate) fn scene(mut self, given: &StoredForm) -> Result<GaussianScene, PlyReason> {
         if given.marks != Some(Marks::Ignore) {
             self.marks.check_rule(given)?;
@@ -109,8 +109,8 @@ fn fold_filter(gaussians: &mut Gaussians, filter: &[f32]) {
 /// Older forms of the release's extra elements are supported: an `intrinsic` of four values (fx, fy, width, height) and
 /// an `extrinsic` of twelve (3×4, with its 3×3 part transposed).
 ///
-/// `given` overrides the encodings of 3D Gaussian Splatting, and sets the colour encoding of files that do not state
-/// one.
+/// `given` overrides the encodings of 3D Gaussian Splatting, and sets the colour encoding of files
+/// that do not state theirs.
 ///
 /// # Errors
 /// [`PlyReason`] for a malformed or incomplete file; [`PlyReason::ColorSpaceUnknown`] if neither the file nor `given`
@@ -214,8 +214,8 @@ fn longer_rows(surplus: usize, count: usize) -> Option<PlyReason> {
     })
 }
 
-/// Elements of the release that are read in addition to the vertices; each has one property of the
-/// same name.
+/// Elements of the release that are read in addition to the vertices; each has one property with
+/// the element's name.
 const EXTRAS: [&str; 5] = [
     "extrinsic",
     "intrinsic",

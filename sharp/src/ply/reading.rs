@@ -4,7 +4,7 @@ use super::SH_CONSTANT;
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::gaussians::Gaussians;
 
-/// A setting has no such value.
+/// Error: a setting does not have the given value.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{key}={value}: expected {}", known.join(" or "))]
 pub struct UnknownReading {
@@ -62,9 +62,10 @@ pub(crate) use setting;
 setting!(
     /// Encoding of colours, in a file or for blending.
     ColorSpace, "color_space":
-    /// Linear light, code 1. The release assumes it for files that do not state their encoding.
+    /// Linear light, code 1. The release assumes linear light for files that do not state their
+    /// encoding.
     Linear = "linear",
-    /// sRGB-encoded, code 0. The release writes it for viewers that blend encoded values. 3D
+    /// sRGB-encoded, code 0. The release writes sRGB for viewers that blend encoded values. 3D
     /// Gaussian Splatting optimises encoded colours but does not state this in its files.
     Srgb = "srgb",
 );
@@ -163,11 +164,10 @@ pub struct StoredForm {
     pub marks: Option<Marks>,
     /// Encoding of the decoded colours. The rendering rule determines it, so it is not one of the
     /// settings. If it is linear light, view-dependent colours cannot be read. If it is sRGB, they
-    /// can, and files that do not state their colour encoding are assumed to have that of 3D
-    /// Gaussian Splatting.
+    /// can, and files without a stated colour encoding are assumed to use 3D Gaussian Splatting's.
     pub blending: ColorSpace,
-    /// True if a rendering rule was chosen explicitly; a file that states another rule is then not rejected. Like
-    /// `blending`, it is not one of the settings.
+    /// True if a rendering rule was chosen explicitly; a file that states another rule is then not
+    /// rejected. Like `blending`, this is not one of the settings.
     pub is_ruled: bool,
 }
 
@@ -217,7 +217,7 @@ impl StoredForm {
         Ok(true)
     }
 
-    /// The settings that were given, each with its key.
+    /// The settings that were given: key and value.
     pub fn settings(&self) -> Vec<(&'static str, &'static str)> {
         let all = [
             self.color_space.map(ColorSpace::name),
@@ -235,7 +235,7 @@ impl StoredForm {
             .collect()
     }
 
-    /// The encodings of a PLY.
+    /// The encodings that 3D Gaussian Splatting uses in PLY files.
     pub fn ply() -> Self {
         Self {
             opacity: Some(StoredOpacity::Logit),
@@ -255,7 +255,8 @@ impl StoredForm {
         }
     }
 
-    /// Fills unset settings with those of decoded arrays (standard deviations, opacities in 0..1, linear colours).
+    /// Fills unset settings with the encodings of decoded arrays (standard deviations, opacities in
+    /// 0..1, linear colours).
     pub fn of_arrays(self) -> Self {
         Self {
             opacity: self.opacity.or(Some(StoredOpacity::Linear)),
@@ -274,7 +275,7 @@ impl StoredForm {
         }
     }
 
-    /// Decodes stored numbers. Settings that are `None` leave their values unchanged.
+    /// Decodes stored numbers; numbers whose setting is `None` are left unchanged.
     pub fn decode(&self, gaussians: &mut Gaussians) {
         self.convert(gaussians, false);
     }

@@ -22,7 +22,7 @@ pub struct Suspicion {
     /// Topic, e.g. `overflow`, or the setting that would fix the reading, e.g. `opacity=linear`. Only one doubt per
     /// topic is reported.
     pub about: &'static str,
-    /// The reason, and the setting that would fix it.
+    /// Reason for the doubt, and the setting that would fix the reading.
     pub text: String,
 }
 
@@ -36,7 +36,7 @@ impl Suspicion {
 }
 
 /// Doubts about stored numbers, for settings that were not given. `format` has all encodings: the
-/// given ones and, for the rest, the format's own.
+/// given settings, completed by the format's own.
 pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -> Vec<Suspicion> {
     let finite: Vec<usize> = (0..stored.len()).filter(|&k| stored.is_finite(k)).collect();
     if finite.len() < MIN_GAUSSIANS {
@@ -149,8 +149,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
     found
 }
 
-/// A suspicion if many different Gaussians occur more than once. One that occurs often, such as that of all invalid
-/// pixels, counts once.
+/// A suspicion if many different Gaussians occur more than once. A Gaussian that occurs often, for
+/// instance for all invalid pixels, counts once.
 fn repetition(stored: &Gaussians, finite: &[usize]) -> Option<Suspicion> {
     let hash = |&k: &usize| {
         let rows = [stored.means[k], stored.scales[k], stored.colors[k]];
@@ -186,7 +186,7 @@ struct Range {
 }
 
 impl Range {
-    /// Measures the range of some values, of which there must be at least one.
+    /// Measures the range of `values`, which must not be empty.
     fn of(mut values: Vec<f32>) -> Self {
         values.sort_unstable_by(f32::total_cmp);
         let at = |q: f64| values[((values.len() - 1) as f64 * q).round() as usize];
@@ -222,16 +222,17 @@ impl Range {
         })
     }
 
-    /// True if the values look like opacities without the logit: all are in 0..1. If all are equal, the value itself
-    /// must also be a round number, and its logistic must not.
+    /// True if the values look like opacities without the logit: all are in 0..1. If all values are
+    /// equal, the value must also be a round number, and its logistic must not be one.
     fn is_activated(&self) -> bool {
         let inside = self.least >= 0.0 && self.most <= 1.0;
         inside
             && (self.least < self.most || (is_round(self.least) && !is_round(logistic(self.least))))
     }
 
-    /// True if the values look like logarithms of opacities: none is positive, and many are close to 0. If all are
-    /// equal, the exponential must be a round number, and the logistic must not.
+    /// True if the values look like logarithms of opacities: none is positive, and many are close
+    /// to 0. If all values are equal, the exponential must be a round number, and the logistic must
+    /// not be one.
     fn is_logarithm(&self) -> bool {
         let is_constant = self.least == self.most;
         self.most <= 0.0
@@ -252,8 +253,8 @@ fn is_round(value: f32) -> bool {
     (value * 1000.0 - (value * 1000.0).round()).abs() < 1e-3
 }
 
-/// An implausible standard deviation of the scene, if there is one: the largest, if it exceeds a million, or else the
-/// median, if it exceeds the extent of the scene.
+/// The scene's largest standard deviation if it exceeds a million, or else the median one if it
+/// exceeds the extent of the scene; `None` if neither does.
 pub fn enormous_scale(gaussians: &Gaussians) -> Option<f32> {
     let finite: Vec<usize> = (0..gaussians.len())
         .filter(|&k| gaussians.is_finite(k))

@@ -38,7 +38,7 @@ impl Scalar {
         })
     }
 
-    /// Bytes in a binary file.
+    /// Number of bytes that a value takes in a binary file.
     fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -62,7 +62,8 @@ pub struct Property {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
     pub name: String,
-    /// Number of rows according to the header. [`Body::rows`] checks it against the size of the file.
+    /// Number of rows according to the header. [`Body::rows`] checks this number against the size
+    /// of the file.
     pub count: usize,
     pub properties: Vec<Property>,
 }
@@ -117,15 +118,15 @@ pub enum TableError {
     },
 }
 
-/// Maximum length of a header in bytes; real ones have about 2 KiB.
+/// Maximum length of a header in bytes; headers of real files have about 2 KiB.
 const MAX_HEADER_BYTES: usize = 1 << 16;
 
 impl Header {
     /// Parses the header of a file and returns the rest as the body.
     ///
     /// # Errors
-    /// [`TableError::NotPly`] if the file does not begin like a PLY; [`TableError::Header`] for a malformed header or
-    /// one of more than 64 KiB.
+    /// [`TableError::NotPly`] if the file does not begin like a PLY; [`TableError::Header`] if the
+    /// header is malformed or longer than 64 KiB.
     pub fn parse(bytes: &[u8]) -> Result<(Self, Body<'_>), TableError> {
         let searched = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
         let mut encoding = None;
@@ -262,7 +263,7 @@ impl<'a> Body<'a> {
     }
 
     /// Number of bytes beyond the rows that a binary header announces. `None` for text, for lists
-    /// (whose lengths are stored in their rows), and for a file that is too short.
+    /// (whose lengths are stored in their rows), and for files that are too short.
     pub fn surplus(&self, header: &Header) -> Option<usize> {
         let binary = self.encoding != Encoding::Ascii;
         let size = header.elements.iter().try_fold(0_usize, |sum, element| {
@@ -274,11 +275,12 @@ impl<'a> Body<'a> {
         self.bytes.len().checked_sub(size.filter(|_| binary)?)
     }
 
-    /// Reads the rows of `element`, which must be the next of the header's elements, and passes each to `visit`.
+    /// Reads the rows of `element`, which must be the next of the header's elements, and passes
+    /// each row to `visit`.
     ///
-    /// A count that exceeds what the rest of the file can contain is rejected before the first row, so that `visit` may
-    /// collect: memory is bounded by a small multiple of the file's size. Rows without properties take no bytes and are
-    /// skipped, however many the header claims.
+    /// A count that exceeds what the rest of the file can contain is rejected before the first row,
+    /// so that `visit` may collect: memory is bounded by a small multiple of the file's size. Rows
+    /// without properties take no bytes and are skipped, whatever their number in the header.
     ///
     /// # Errors
     /// [`TableError::Truncated`], [`TableError::NotANumber`], or any error of `visit`.
@@ -291,8 +293,8 @@ impl<'a> Body<'a> {
             element: element.name.clone(),
             count: element.count,
         };
-        // Minimum bytes per row: a list has at least its length; a number in text, a digit and a
-        // separator.
+        // Minimum bytes per row: the length of a list; in text, a digit and a separator for each
+        // number.
         let least: usize = element
             .properties
             .iter()

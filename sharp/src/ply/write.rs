@@ -7,8 +7,9 @@ use crate::color::srgb_from_linear;
 /// Layout of a written file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PlyForm {
-    /// As in the release: the Gaussians are followed by camera, size, quantiles of disparity, colour space and version.
-    /// Some third-party viewers fail on these. View-dependent colour cannot be stored.
+    /// As in the release: the Gaussians are followed by camera, size, quantiles of disparity,
+    /// colour space and version. Some third-party viewers fail on these additions. View-dependent
+    /// colour cannot be stored.
     #[default]
     Release,
     /// Only the Gaussians, in the layout of 3D Gaussian Splatting. The colour space of SHARP's scenes is stored in a
@@ -26,10 +27,7 @@ const IDENTITY: [f32; 16] = [
     1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
 ];
 
-/// Encodes the scene as a binary little-endian PLY file.
-///
-/// Nothing is clamped: an opacity of exactly 1 becomes +∞, one of 0 becomes −∞. The disparity
-/// quantiles are computed over all Gaussians for which 1/z is a number.
+/// becomes +∞, one of 0 => becomes +∞, an opacity of 0
 pub fn to_bytes(scene: &GaussianScene, form: PlyForm) -> Vec<u8> {
     let n = scene.gaussians.len();
     let mut out = header(scene, form).into_bytes();
@@ -89,7 +87,7 @@ fn header(scene: &GaussianScene, form: PlyForm) -> String {
     text + "end_header\n"
 }
 
-/// Comments that preserve a file's marks, so that it is rendered in the same way when read again.
+/// Comments that preserve a file's marks, so that the written file is rendered like the original.
 pub(super) fn comments(scene: &GaussianScene) -> Vec<&'static str> {
     let marks = &scene.marks;
     let generator = match marks.generator {
@@ -106,12 +104,12 @@ pub(super) fn comments(scene: &GaussianScene) -> Vec<&'static str> {
     generator.into_iter().chain(mode).collect()
 }
 
-/// True if normals are written. Files of Inria's program have them; those of gsplat do not.
+/// True if normals are written: files of Inria's program have normals, files of gsplat do not.
 fn has_normals(scene: &GaussianScene, form: PlyForm) -> bool {
     form == PlyForm::Plain && scene.marks.generator == Some(Generator::InriaLike)
 }
 
-/// Number of `f_rest_*` properties.
+/// Number of `f_rest_*` properties in the written file.
 fn coefficients(scene: &GaussianScene, form: PlyForm) -> usize {
     match form {
         PlyForm::Plain => 3 * scene.gaussians.harmonics.per_gaussian(),
@@ -119,7 +117,7 @@ fn coefficients(scene: &GaussianScene, form: PlyForm) -> usize {
     }
 }
 
-/// Encodes a colour for storage.
+/// sRGB-encoded value of a colour channel in the `blending` colour space.
 pub(crate) fn srgb(color: f32, blending: ColorSpace) -> f32 {
     match blending {
         ColorSpace::Linear => srgb_from_linear(color),

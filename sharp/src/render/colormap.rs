@@ -24,8 +24,9 @@ const TURBO: [[f64; 18]; 3] = [
     ],
 ];
 
-/// Turbo colour of a value in 0..1, from dark blue through green to dark red; 8-bit sRGB. Values outside the range take
-/// the colour of the nearer end, NaN that of 0. Quantised to 256 steps, like the table.
+/// Turbo colour of a value in 0..1, from dark blue through green to dark red; 8-bit sRGB. Values
+/// outside the range take the colour of the nearer end, NaN the colour of 0. Quantised to 256
+/// steps, like the table.
 pub fn turbo(value: f32) -> [u8; 3] {
     // A float-to-integer cast saturates, and converts NaN to 0.
     let entry = (value * 256.0) as u8;

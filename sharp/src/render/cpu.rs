@@ -37,7 +37,8 @@ pub(super) struct BinScratch {
 }
 
 impl BinScratch {
-    /// Collects a bin's Gaussians, front to back, relative to the bin's first pixel. Returns that pixel.
+    /// Collects a bin's Gaussians, front to back, relative to the bin's first pixel. Returns the
+    /// position of that pixel.
     pub(super) fn load(
         &mut self,
         (grid, bin): (BinGrid, usize),
@@ -76,14 +77,14 @@ impl CpuRenderer {
         }
     }
 
-    /// Sets a tile size other than 4×4.
+    /// Sets the tile size; the default is 4×4 pixels.
     #[must_use]
     pub fn with_tile_size(self, tile: TileSize) -> Self {
         Self { tile, ..self }
     }
 
-    /// Limits the (Gaussian, bin) pairs in memory at a time to `pairs`, 8 bytes each, or to those of one bin of 64×64
-    /// pixels if that is more. Affects memory and time, not the picture.
+    /// Limits the (Gaussian, bin) pairs in memory at a time, 8 bytes each, to `pairs` or, if that
+    /// is more, to the pairs of one bin of 64×64 pixels. Affects memory and time, not the picture.
     #[must_use]
     pub fn with_pair_limit(self, pairs: u64) -> Self {
         Self {

@@ -107,7 +107,8 @@ impl BinLists {
     }
 }
 
-/// The sort key of a Gaussian: depth first (positive floats order as their bits), then index.
+/// The sort key of a Gaussian: depth first (positive floats have the order of their bits), then
+/// index.
 pub(super) fn key(z: f32, index: u32) -> u64 {
     u64::from(z.to_bits()) << 32 | u64::from(index)
 }

@@ -35,8 +35,8 @@ pub enum RenderError {
 }
 
 impl RenderError {
-    /// True if the GPU failed rather than the request: the same scene and view may be rendered on the CPU, or again
-    /// later.
+    /// True if the GPU failed, not the request: the same scene and view may be rendered on the CPU,
+    /// or again later.
     pub fn is_device_fault(&self) -> bool {
         matches!(
             self,

@@ -35,7 +35,7 @@ impl Background {
     }
 }
 
-/// Writes the notation that parsing accepts; it is also used in records.
+/// Writes the notation that parsing accepts, which records also use.
 impl std::fmt::Display for Background {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -99,8 +99,8 @@ impl RenderOutput {
         }
     }
 
-    /// [`Self::srgb`] quantised to 8 bit. Scoring uses [`Quantization::Round`], the release's video writer
-    /// [`Quantization::Truncate`].
+    /// Like [`Self::srgb`], quantised to 8 bit. Scoring uses [`Quantization::Round`], the release's
+    /// video writer [`Quantization::Truncate`].
     pub fn srgb8(&self, background: Background, rule: Quantization) -> RgbImage {
         let encode = self.encoding();
         self.picture(background, |x| quantize(encode(x), rule))
@@ -142,7 +142,7 @@ impl RenderOutput {
     }
 }
 
-/// Wraps samples as a picture; empty if their number does not match the size.
+/// Wraps samples as a picture; an empty picture if the number of samples does not match the size.
 fn in_shape<P: image::Pixel>(
     width: u32,
     height: u32,

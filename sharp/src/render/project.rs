@@ -12,7 +12,7 @@ use crate::gaussians::Gaussians;
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
 
-/// A projected Gaussian, stored at the index of its source.
+/// A projected Gaussian, stored at the index of its source Gaussian.
 ///
 /// `σ · log2 e = (p dx + q dy)² + (r dy)²` with `(dx, dy) = mean − pixel centre`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -29,8 +29,8 @@ pub(super) struct Splat {
     pub(super) color: [f32; 3],
 }
 
-/// The pixels where a Gaussian's alpha can reach 1/255, and its depth: everything needed to sort it
-/// into tiles.
+/// The pixels where a Gaussian's alpha can reach 1/255, and the Gaussian's depth: everything needed
+/// to sort Gaussians into tiles.
 ///
 /// Pixels from `x0` to `x1` and `y0` to `y1`, inclusive; empty if `x0 > x1`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,7 +57,7 @@ impl Footprint {
     }
 }
 
-/// Outputs of the pass; kept between frames to reuse their memory.
+/// Outputs of the pass, kept between frames to reuse the memory.
 #[derive(Debug, Default)]
 pub(super) struct Projected {
     pub(super) splats: Vec<Splat>,
@@ -80,7 +80,7 @@ const SUPPORT_TILE: f64 = 16.0;
 /// Share by which the box is enlarged. Together with [`BOX_MARGIN_PX`], this exceeds the distance by which rounding in
 /// `raster` can move the 1/255 contour.
 const RELATIVE_BOX_MARGIN: f64 = 1e-4;
-/// Pixels by which the box is then enlarged on each side.
+/// Pixels by which the box is enlarged on each side, after [`RELATIVE_BOX_MARGIN`].
 const BOX_MARGIN_PX: f64 = 1e-4;
 
 /// Margin of the exponent at which `raster` stops; allows for rounding in `raster` and in `log2`.
@@ -233,7 +233,7 @@ fn block(
             p: c.factor[0][i],
             q: c.factor[1][i],
             r: c.factor[2][i],
-            // Exact if there is no compensation.
+            // The opacity is exact if there is no compensation.
             opacity: c.opacity[i] as f32,
             cut: c.cut[i],
             color: match colors {
@@ -245,7 +245,7 @@ fn block(
     }
 }
 
-/// True if the determinant is positive and f32 can represent the factor. NaN gives false.
+/// True if the determinant is positive and f32 can represent the conic's factor. NaN gives false.
 fn is_drawable(c: &Columns, i: usize) -> bool {
     let finite = c.factor.iter().all(|column| column[i].is_finite())
         && c.center.iter().all(|column| column[i].is_finite())
@@ -268,7 +268,7 @@ fn footprint(c: &Columns, i: usize, constants: &ViewConstants) -> Footprint {
             first = first.max(tile(at - radius));
             last = last.min(tile(at + radius + SUPPORT_TILE - 1.0) - 1.0);
         }
-        // Both are in 0..65535 if the range is not empty.
+        // `first` and `last` are in 0..65535 if the range is not empty.
         (first <= last).then_some((first as u16, last as u16))
     };
     match (range(0), range(1)) {
@@ -419,7 +419,8 @@ pub(super) fn log2(x: f64) -> f64 {
     let mantissa = f64::from_bits(
         (shifted & 0x000f_ffff_ffff_ffff).wrapping_add(std::f64::consts::FRAC_1_SQRT_2.to_bits()),
     );
-    // 2^52 + 2^51. Adding a small integer to its bits and then subtracting it converts the integer to a float.
+    // 2^52 + 2^51. Adding a small integer to the bits of this number and then subtracting the
+    // number converts the integer to a float.
     const MAGIC: f64 = 6_755_399_441_055_744.0;
     let biased = f64::from_bits(((shifted >> 52) ^ 0x800).wrapping_add(MAGIC.to_bits())) - MAGIC;
     let exponent = biased - 2048.0;

@@ -7,8 +7,9 @@ use super::emit::BIN;
 use super::project::{Footprint, Splat};
 use super::scan::scan;
 
-/// A Gaussian relative to one bin: the mean is relative to the bin's corner, so that a pixel's distance from it has the
-/// same precision anywhere in the image, and does not depend on the tile size.
+/// A Gaussian relative to one bin: the mean is relative to the bin's corner, so that a pixel's
+/// distance from the mean has the same precision anywhere in the image and does not depend on the
+/// tile size.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LocalSplat<S = f32> {
     pub(super) mean: [S; 2],
@@ -20,15 +21,15 @@ pub(super) struct LocalSplat<S = f32> {
     pub(super) color: [S; 3],
     /// First and last pixel within the bin: x0, x1, y0, y1.
     pub(super) reach: [u8; 4],
-    /// See [`Splat::cut`].
+    /// Alpha is below 1/255 if the exponent of 2 is larger than this.
     pub(super) cut: f32,
     /// True if the ellipse covers little of its bounding box, so that computing the tile columns of each row saves
     /// time.
     pub(super) slanted: bool,
 }
 
-/// A Gaussian is slanted if (a / (π/4))² is below this, where a is the fraction of its bounding box that the ellipse
-/// covers.
+/// A Gaussian is slanted if (a / (π/4))² is below this, where a is the fraction of the bounding box
+/// that the ellipse covers.
 const SLANTED: f32 = 0.5;
 
 impl LocalSplat {
@@ -83,7 +84,8 @@ impl LocalSplat {
         let first = (middle - most - margin(most)).ceil();
         let last = (middle - least + margin(least)).floor();
         let [x0, x1, ..] = self.reach.map(usize::from);
-        // Negative values and NaN become 0; a NaN in `last` is replaced so that the range widens.
+        // Negative values and NaN become 0; if `last` is NaN, the range is extended to the end
+        // instead.
         let last = if last.is_nan() { BIN as f32 } else { last };
         if last < 0.0 {
             return (1, 0);
@@ -119,7 +121,7 @@ impl TileLists {
     ) {
         let origin = corner.map(|c| c as f64);
         let within = |pixel: u16, axis: usize| -> u8 {
-            // In 0..=63 after the clamp.
+            // The result is in 0..=63 after the clamp.
             usize::from(pixel).saturating_sub(corner[axis]).min(BIN - 1) as u8
         };
         self.splats.clear();
@@ -152,7 +154,8 @@ impl TileLists {
         }));
     }
 
-    /// Builds the lists for tiles of `tile` pixels and passes them on band by band: `each(lists, rows)`.
+    /// Builds the lists for tiles of `tile` × `tile` pixels and passes each band of tile rows to
+    /// `each`.
     pub(super) fn for_each_band(&mut self, tile: usize, mut each: impl FnMut(Band<'_>)) {
         let side = BIN / tile;
         let shift = tile.trailing_zeros();

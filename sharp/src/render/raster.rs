@@ -1,8 +1,8 @@
 //! Pass `raster`: blends each tile's list into its pixels, sixteen pixels at a time.
 //!
-//! Each lane accumulates one pixel's Gaussians in list order, independently of all others, so neither the tile size nor
-//! skipped Gaussians can change its bits. Skipping is safe because footprint and `cut` are conservative bounds of the
-//! region in which alpha can reach 1/255.
+//! Each lane accumulates one pixel's Gaussians in list order, independently of all other lanes, so
+//! neither the tile size nor skipped Gaussians change the pixel's bits. Skipping is safe because
+//! footprint and `cut` are conservative bounds of the region in which alpha can reach 1/255.
 
 use super::Rule;
 use super::project::ALPHA_MIN;
@@ -14,13 +14,13 @@ use super::simd::{Lanes, Portable, per_instruction_set};
 /// Side of the square of pixels processed in one set of lanes.
 pub(super) const BLOCK: usize = 4;
 
-/// Maximum alpha of one Gaussian in a pixel by SHARP's rule, which is the rule of the derivative.
+/// Maximum alpha of one Gaussian in a pixel under SHARP's rule, the only rule with a derivative.
 pub(super) const ALPHA_MAX: f32 = Rule::SHARP.alpha_max;
 /// A pixel is finished when the next Gaussian would reduce its transmittance to this or less; that Gaussian is not
 /// added.
 pub(super) const TRANSMITTANCE_STOP: f32 = 1e-4;
 
-/// Part of the output that belongs to one bin: its rows of pixels.
+/// The part of the output that belongs to one bin, as rows of pixels.
 #[derive(Default)]
 pub(super) struct BinPixels<'a> {
     pub(super) rgb: Vec<&'a mut [[f32; 3]]>,
@@ -91,7 +91,7 @@ type Pixels = [[f32; 16]; 5];
 #[inline(always)]
 pub(super) fn centers<L: Lanes>((x, y): (usize, usize)) -> [L; 2] {
     let center = |first: usize, within: fn(usize) -> usize| {
-        // At most 63.5: exact.
+        // At most 63.5, which f32 represents exactly.
         L::from_array(&std::array::from_fn(|lane| {
             L::Scalar::from((first + within(lane)) as f32 + 0.5)
         }))
@@ -107,7 +107,7 @@ pub(super) struct Coverage<L> {
     /// Mean minus pixel centre.
     pub(super) dx: L,
     pub(super) dy: L,
-    /// `p dx + q dy` (`across`) and `r dy`; the sum of their squares is the exponent of 2.
+    /// `p dx + q dy` in `across`, and `r dy`; the sum of the two squares is the exponent of 2.
     pub(super) across: L,
     pub(super) along: L,
 }
@@ -148,7 +148,7 @@ pub(super) struct Absorption<L: Lanes> {
 
 /// Remaining transmittance of a block's pixels, front to back.
 pub(super) struct Transmittance<L> {
-    /// Zero in finished pixels.
+    /// Remaining transmittance; zero in finished pixels.
     pub(super) left: L,
     /// Final transmittance of finished pixels.
     done: L,

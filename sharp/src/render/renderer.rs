@@ -11,7 +11,7 @@ pub trait Renderer: Send {
     /// Prepares a scene for rendering from many views: checks it and, on a GPU, uploads it.
     ///
     /// # Errors
-    /// [`RenderError::Scene`], [`RenderError::TooMany`], and those of the device.
+    /// [`RenderError::Scene`], [`RenderError::TooMany`], and errors of the device.
     fn load<'a>(
         &'a mut self,
         scene: &'a Gaussians,
@@ -52,21 +52,21 @@ pub trait LoadedScene {
     /// Renders one view.
     ///
     /// # Errors
-    /// [`RenderError::View`], [`RenderError::Size`], and those of the device.
+    /// [`RenderError::View`], [`RenderError::Size`], and errors of the device.
     fn render(&mut self, view: &RenderView) -> Result<RenderOutput, RenderError>;
 
     /// Draws one view and waits until the device has finished, without copying the picture to the host; for timing.
     /// Returns false without drawing on backends that draw in the host's memory.
     ///
     /// # Errors
-    /// As [`LoadedScene::render`].
+    /// As for [`LoadedScene::render`].
     fn draw_on_device(&mut self, _view: &RenderView) -> Result<bool, RenderError> {
         Ok(false)
     }
 }
 
-/// Side of the tiles that have their own list of Gaussians. Affects speed only: the picture's bytes do not depend on
-/// it.
+/// Side of the tiles that have their own list of Gaussians. The size affects only speed, not the
+/// picture's bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TileSize {
     /// 4×4 pixels, the CPU's default: one set of lanes.
@@ -90,7 +90,8 @@ impl TileSize {
     }
 }
 
-/// Checks a scene's size and the consistency of its lengths, which a struct literal can get wrong.
+/// Checks a scene's size, and that all arrays have the same length, which a struct literal can get
+/// wrong.
 pub(super) fn check_scene(scene: &Gaussians) -> Result<(), RenderError> {
     scene.check_lengths()?;
     match u32::try_from(scene.len()) {

@@ -1,7 +1,7 @@
 //! Named rendering conventions: the choices in which renderers of 3D Gaussians differ.
 //!
-//! Everything else in the definition is common to all of them (see [`super`]). No choice is needed
-//! for a compensated opacity below 1/255: the picture is the same whether such a Gaussian is
+//! Everything else in the definition is common to all conventions (see [`super`]). No choice is
+//! needed for a compensated opacity below 1/255: the picture is the same whether such a Gaussian is
 //! dropped early or skipped at every pixel.
 
 use crate::gaussians::Harmonics;
@@ -38,9 +38,9 @@ impl Compensation {
 setting!(
     /// Treatment of a centre exactly on the near plane.
     NearPlane, "near-plane":
-    /// Drawn.
+    /// The Gaussian is drawn.
     Included = "included",
-    /// Dropped.
+    /// The Gaussian is dropped.
     Excluded = "excluded",
 );
 setting!(
@@ -57,7 +57,7 @@ setting!(
     /// Use of the camera's principal point.
     PrincipalPoint, "principal-point":
     Used = "used",
-    /// The picture's centre is used instead.
+    /// The picture's centre is used instead of the principal point.
     Ignored = "ignored",
 );
 setting!(
@@ -70,7 +70,7 @@ setting!(
     Tiles = "tiles",
 );
 
-/// Defines the struct, and reads and writes its fields by key.
+/// Defines the struct of the choices, and reads and writes its fields by key.
 macro_rules! record {
     ($(#[$about:meta])* $name:ident { $($(#[$of:meta])* $field:ident: $kind:ty = $key:literal,)+ }) => {
         $(#[$about])*
@@ -103,7 +103,8 @@ macro_rules! record {
 }
 
 record! {
-    /// A rendering convention. Written `NAME`, or `NAME,key=value,…` with the choices that differ from it.
+    /// A rendering convention. Written `NAME`, or `NAME,key=value,…` with the choices that differ
+    /// from the named rule.
     Rule {
         /// Added to both diagonal entries of the 2D covariance, px², ≥ 0.
         low_pass: f32 = "low-pass",
@@ -113,7 +114,8 @@ record! {
         /// Gaussians whose centre has z below this are dropped; > 0, in the unit of the scene.
         near: f32 = "near",
         near_plane: NearPlane = "near-plane",
-        /// Gaussians whose centre has z above this are dropped; z equal to it is kept.
+        /// Gaussians whose centre has z above this are dropped; a centre exactly on the far plane
+        /// is kept.
         far: f32 = "far",
         jacobian_clamp: JacobianClamp = "jacobian-clamp",
         principal_point: PrincipalPoint = "principal-point",

@@ -7,10 +7,10 @@ const MAX_HEIGHT: u32 = 3000;
 
 /// Intrinsics with which the release's `sharp render` shows a scene predicted from a photograph.
 ///
-/// The photograph's principal point is ignored and replaced by ((W − 1) / 2, (H − 1) / 2). That is half
-/// a pixel away from (W / 2, H / 2), which the release's own prediction uses. A photograph higher than 3000
-/// pixels is halved in both directions; then odd sides grow by one pixel, as the release's video
-/// encoder requires. Focal lengths and principal point are scaled accordingly.
+/// The photograph's principal point is ignored and replaced by ((W − 1) / 2, (H − 1) / 2). The
+/// release's own prediction uses (W / 2, H / 2), which is half a pixel away. A photograph higher
+/// than 3000 pixels is halved in both directions; then odd sides grow by one pixel, as the
+/// release's video encoder requires. Focal lengths and principal point are scaled accordingly.
 pub fn release_screen(photo: &Intrinsics) -> Intrinsics {
     let halve = photo.height > MAX_HEIGHT;
     let [width, height] = [photo.width, photo.height].map(|side| {

@@ -32,7 +32,7 @@ pub struct ShaderConstants {
 impl RenderView {
     /// Low-pass variance in px² of `sharp render` and `sharp predict`: 0, i.e. no filter. The default.
     pub const EPS2D_RELEASE: f32 = 0.0;
-    /// `low_pass_filter_eps` in the release's predictor configuration, which no code uses.
+    /// which no code uses => which the release's code does not use
     pub const EPS2D_CONFIG: f32 = 0.01;
     /// Low-pass of gsplat by default and of every web viewer; gives a visibly different image.
     pub const EPS2D_GSPLAT: f32 = 0.3;
@@ -67,7 +67,7 @@ impl RenderView {
         }
     }
 
-    /// Checks the fields, which are public; renderers rely on them after this check.
+    /// Checks the public fields; renderers rely on the checked values.
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let Intrinsics {
             fx,
@@ -96,7 +96,8 @@ impl RenderView {
     }
 }
 
-/// How far beyond the edge of the image the Jacobian is still evaluated, as a multiple of half its width or height.
+/// Distance beyond the image's edge up to which the Jacobian is evaluated, as a multiple of half
+/// the image's width or height.
 const JACOBIAN_MARGIN: f64 = 0.3;
 
 /// The view in the form used by the inner loops; f64 here, f32 on the GPU.

@@ -67,7 +67,8 @@ pub struct TrainingConfig {
     pub trained: TrainedParts,
     /// True if predicted depth is aligned with the true depth before use (paper, depth adjustment).
     pub aligned: bool,
-    /// Overrides the network's own `alignment_input`. Parsing moves the value there and leaves `None` here.
+    /// Overrides the network's own `alignment_input`. Parsing moves the value into `network` and
+    /// leaves `None` here.
     pub alignment_input: Option<AlignmentInput>,
     /// True if disparity that has become zero may recover; see
     /// [`TrainingInput`](sharp::model::training::TrainingInput). Not in the paper, whose network is pretrained.
@@ -102,8 +103,8 @@ pub struct StageConfig {
     pub side: u32,
     #[serde(default)]
     pub data: TrainingData,
-    /// Maximum distance in metres. In the first stage, between the two cameras of a pair from a dataset; in the second
-    /// stage, between a photograph's camera and a pseudo-novel camera.
+    /// Maximum distance in metres: in the first stage, between the two cameras of a dataset's pair;
+    /// in the second stage, between the cameras of a photograph and of a pseudo-novel view.
     #[serde(default = "max_baseline_m")]
     pub max_baseline_m: f64,
     /// Choices about pseudo-novel views; for the second stage.
@@ -138,7 +139,7 @@ pub struct SplitFolder {
 }
 
 impl TrainingData {
-    /// The folder of photographs, and `held_out` if it is split.
+    /// The folder of photographs, and `held_out` if the folder is split; `None` for other data.
     pub fn photographs(&self) -> Option<(&Path, Option<usize>)> {
         match self {
             Self::Photographs(folder) => Some((folder, None)),
@@ -148,18 +149,18 @@ impl TrainingData {
     }
 }
 
-/// Intervals in steps; they do not affect results.
+/// Intervals in steps, which do not affect results.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Intervals {
     /// Steps between two validations; 0 disables validation.
     pub validation: u64,
     pub checkpoint: u64,
-    /// Number of checkpoints kept, newest first.
+    /// Number of most recent checkpoints that are kept.
     pub kept_checkpoints: usize,
 }
 
-/// Resolution in the paper.
+/// Default width and height of the pictures: the paper's resolution.
 fn side() -> u32 {
     1536
 }
@@ -172,7 +173,7 @@ fn one() -> usize {
     1
 }
 
-/// Maximum baseline of the paper's synthetic data.
+/// Default maximum baseline in metres: that of the paper's synthetic data.
 fn max_baseline_m() -> f64 {
     0.6
 }
@@ -219,7 +220,7 @@ impl Default for TrainingConfig {
     }
 }
 
-/// A network as given in a file.
+/// A network as given in a configuration file.
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum NetworkChoice {

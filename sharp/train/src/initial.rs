@@ -23,7 +23,7 @@ use sharp::resize::bilinear_align_corners;
 ///   standard deviation 0.02. Positions: sines and cosines of column and row, because the position
 ///   in a picture is the best predictor of depth.
 /// * Prediction heads: 0, so that the Gaussians are the base Gaussians. Alignment: the last weight
-///   is 0, so that its factors are 1. Both as in the release.
+///   is 0, so that its factors are 1. Both choices are the release's.
 /// * Both channels of the depth head are equal (paper, section on the depth decoder), with a bias
 ///   of 0.3, because a ReLU output that starts at 0 never learns.
 pub(crate) struct Untrained {
@@ -147,9 +147,9 @@ impl WeightSource for Untrained {
     }
 }
 
-/// Weights of a checkpoint. It may be for another picture size of the same network: position
-/// embeddings are then resampled as the network resamples pictures. Nothing else depends on the
-/// size.
+/// Weights of a checkpoint. If the checkpoint is for another picture size of the same network,
+/// position embeddings, the only weights that depend on the size, are resampled as the network
+/// resamples pictures.
 pub(crate) struct Pretrained(Box<dyn WeightSource>);
 
 impl Pretrained {
@@ -196,8 +196,8 @@ fn side(tokens: usize) -> usize {
     tokens.saturating_sub(1).isqrt()
 }
 
-/// Resamples position embeddings `[1, tokens, channels]` to another number of tokens. The first embedding, that of the
-/// class token, is kept.
+/// Resamples position embeddings `[1, tokens, channels]` to another number of tokens. The first
+/// embedding, which belongs to the class token, is kept.
 fn resample_positions(values: &[f32], tokens: usize, channels: usize) -> Vec<f32> {
     let (class, grid) = values.split_at(channels);
     let [from, to] = [values.len() / channels, tokens].map(side);
@@ -209,9 +209,9 @@ fn resample_positions(values: &[f32], tokens: usize, channels: usize) -> Vec<f32
     class.iter().copied().chain(rest).collect()
 }
 
-/// The depth network of a checkpoint of SHARP or Depth Pro, combined with an untrained Gaussian decoder. Both depth
-/// layers start as the checkpoint's first layer (paper, section on the depth decoder), because
-/// training on depth alone has no loss for the second.
+/// The depth network of a checkpoint of SHARP or Depth Pro, combined with an untrained Gaussian
+/// decoder. Both depth layers start as the checkpoint's first layer (paper, section on the depth
+/// decoder), because training on depth alone has no loss for the second layer.
 pub(crate) struct TrainedDepth {
     depth: Pretrained,
     rest: Untrained,

@@ -1,6 +1,6 @@
-//! Log of a training run: one row per step, and the validation results. `log.csv` has everything that
-//! depends only on configuration and seed; it is identical with and without an interruption.
-//! `timing.csv` has the rest.
+//! Log of a training run: one row per step, and the validation results. `log.csv` has everything
+//! that depends only on configuration and seed; interruptions do not change it. `timing.csv` has
+//! the times.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -48,8 +48,8 @@ impl TrainingLog {
     /// are removed.
     ///
     /// # Errors
-    /// [`LogError::Io`] if a file cannot be read or written; [`LogError::Other`] if a file is not such a log or ends
-    /// before `after`.
+    /// [`LogError::Io`] if a file cannot be read or written; [`LogError::Other`] if a file is not a
+    /// training log or ends before `after`.
     pub fn open(folder: &Path, after: Position) -> Result<Self, LogError> {
         let header = format!(
             "stage,step,learning_rate,{},total,gradient_norm\n",
@@ -73,7 +73,8 @@ impl TrainingLog {
         self.after == self.validation.last
     }
 
-    /// Appends validation results for the weights at `position`; they are on disk when this returns.
+    /// Appends validation results for the weights at `position`; the results are on disk when this
+    /// returns.
     ///
     /// # Errors
     /// [`LogError::Io`] if the file cannot be written.
@@ -90,7 +91,8 @@ impl TrainingLog {
             .append(&measured.iter().map(row).collect::<String>())
     }
 
-    /// Appends a step; it is on disk when this returns. Numbers are written in the shortest form that round-trips.
+    /// Appends a step; the row is on disk when this returns. Numbers are written in the shortest
+    /// form that round-trips.
     ///
     /// # Errors
     /// [`LogError::Io`] if a file cannot be written.

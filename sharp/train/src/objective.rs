@@ -39,7 +39,7 @@ pub(crate) struct Example<'a> {
 pub(crate) struct Cost {
     /// Losses before weighting, in the order of [`TERMS`]; 0 for losses without a weight.
     pub terms: [f64; TERMS.len()],
-    /// Weighted sum.
+    /// Weighted sum of the losses.
     pub total: f64,
     pub gradient: PassGradient,
 }
@@ -52,7 +52,7 @@ pub enum ObjectiveError {
     Perceptual(#[from] PerceptualError),
 }
 
-/// The weighted sum of all losses.
+/// Computes the weighted sum of all losses.
 pub(crate) struct Objective {
     weights: LossWeights,
     options: LossOptions,
@@ -60,11 +60,11 @@ pub(crate) struct Objective {
 }
 
 impl Objective {
-    /// An objective with these weights and options. Loads the network of the perceptual loss on `compute`, if that loss
-    /// has a weight.
+    /// Creates an objective with the given weights and options. Loads the network of the perceptual
+    /// loss on `compute` if that loss has a weight.
     ///
     /// # Errors
-    /// [`PerceptualError`] if its weights are missing or unreadable.
+    /// [`PerceptualError`] if the network's weights are missing or unreadable.
     pub(crate) fn new(
         weights: LossWeights,
         options: LossOptions,
@@ -87,7 +87,7 @@ impl Objective {
         self.perceptual.as_ref().map(Perceptual::network)
     }
 
-    /// True if no loss depends on Gaussians or their pictures.
+    /// True if no loss depends on Gaussians or on pictures rendered from them.
     pub(crate) fn is_of_depth_alone(&self) -> bool {
         let LossWeights {
             color,
@@ -326,7 +326,7 @@ pub(crate) fn known_depth(view: &TrainingView, side: usize) -> Vec<f32> {
     nearest(&view.depth, (width as usize, height as usize), (side, side))
 }
 
-/// Pixels of a picture in 0..1.
+/// Pixels of a picture as sRGB-encoded values in 0..1.
 fn srgb(image: &RgbImage) -> Vec<[f32; 3]> {
     let level = |v: u8| f32::from(v) / 255.0;
     image.pixels().map(|pixel| pixel.0.map(level)).collect()

@@ -73,8 +73,9 @@ impl Default for Adam {
 }
 
 impl Adam {
-    /// Updates every parameter that is not frozen. `gradients` has one element for each of these,
-    /// in their order; `step` counts the updates of the moments, including this one, from 1.
+    /// Updates every parameter that is not frozen. `gradients` has one element for each of these
+    /// parameters, in their order. `step` is the number of updates of the moments, including this
+    /// one.
     ///
     /// Computed in f64 and rounded once, on the threads of the current pool.
     ///
@@ -143,8 +144,9 @@ fn check(weights: &[ParameterState], gradients: &[Vec<f32>]) -> Result<(), Optim
     Ok(())
 }
 
-/// If the Euclidean norm over all gradients exceeds `limit`, scales them by `limit / (norm + 1e-6)`, as in torch.
-/// Returns the norm before scaling. If it is not finite, the gradients are left unchanged and must not be used.
+/// If the Euclidean norm over all gradients exceeds `limit`, scales them by `limit / (norm +
+/// 1e-6)`, as in torch. Returns the norm before scaling. If the norm is not finite, the gradients
+/// are left unchanged and must not be used.
 pub fn clip_norm(gradients: &mut [Vec<f32>], limit: f64) -> f64 {
     let square = |chunk: &[f32]| chunk.iter().map(|&g| f64::from(g).powi(2)).sum::<f64>();
     let mut total = 0.0;

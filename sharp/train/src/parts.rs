@@ -11,7 +11,8 @@ pub struct TrainedParts {
     pub patch_encoder: bool,
     /// The whole-image transformer, and the layers that upsample and fuse its features.
     pub image_encoder: bool,
-    /// The LayerNorms of the trained encoders. They are frozen in an encoder that is not trained.
+    /// The LayerNorms of the trained encoders. LayerNorms of an encoder that is not trained are
+    /// always frozen.
     pub encoder_norms: bool,
     /// Decoder and head of the disparity.
     pub depth_decoder: bool,

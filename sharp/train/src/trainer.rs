@@ -93,13 +93,13 @@ impl WeightSource for Snapshot {
 }
 
 impl Trainer {
-    /// Starts a training run in a folder, or resumes the one there from its latest checkpoint. `initial` overrides the
-    /// configuration's file of initial weights. The networks run on `compute`; different kinds of devices differ in the
-    /// last bits.
+    /// Starts a training run in `folder`, or resumes the run in it from its latest checkpoint.
+    /// `initial` overrides the configuration's file of initial weights. The networks run on
+    /// `compute`; results of different kinds of devices differ in the last bits.
     ///
     /// # Errors
-    /// [`TrainingError`]: a folder that cannot be written, a checkpoint of another configuration, or initial weights
-    /// that do not fit.
+    /// [`TrainingError`]: a folder that cannot be written, a checkpoint of another configuration,
+    /// or initial weights that do not fit.
     pub fn open(
         config: TrainingConfig,
         initial: Option<&Path>,
@@ -319,7 +319,7 @@ impl Trainer {
         let name = format!("stopped-stage{}-step{step}", stage.number());
         let folder = self.folder.join(name);
         match self.checkpoint() {
-            // Training could not resume from such a state.
+            // Not saved: training could not resume from a state with such values.
             Ok(()) | Err(TrainingError::State(StateError::Value { .. })) => {}
             Err(error) => return Err(error),
         }
@@ -422,8 +422,9 @@ const FIRST_STAGE: &str = "stage1";
 /// Number of examples prefetched while a step computes.
 const SAMPLES_AHEAD: usize = 3;
 /// Number of examples of a batch computed concurrently. Much of a pass is too small for several
-/// threads, and two passes fill each other's idle time. More than two would only need more memory. One
-/// pass of a network that recomputes occupies all threads.
+/// threads, and two passes fill each other's idle time; more would only need more memory. Networks
+/// that recompute intermediate tensors run one example at a time, because one pass then occupies
+/// all threads.
 const EXAMPLES_AT_ONCE: usize = 2;
 
 #[cfg(test)]

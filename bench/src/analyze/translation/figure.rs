@@ -11,7 +11,8 @@ use sharp_plots::scale::finite_range;
 
 use super::experiment::Experiment;
 
-/// One panel per metric; a panel without values has a note instead. `None` if no metric has a value.
+/// Plots the scores, one panel per metric; a panel without values shows a note instead. `None` if
+/// no metric has a value.
 ///
 /// # Errors
 /// If the drawing library fails.

@@ -11,10 +11,10 @@ pub struct Shifts(Vec<f64>);
 /// Why a list of shifts cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ShiftsError {
-    /// Not a list of numbers.
+    /// The text is not a list of numbers.
     #[error("'{0}' is not a list of percentages; try 0.1,1,5")]
     Text(String),
-    /// Out of range.
+    /// A shift is out of range.
     #[error("{0} %: expected a shift above 0 and up to 50 per cent")]
     Range(f64),
     /// The picture is too small for the window to move.

@@ -41,8 +41,8 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
     }
 }
 
-/// The numbers published in the paper. They have a table of their own, because they were measured on another picture
-/// and their conventions are not stated.
+/// The numbers published in the paper. These numbers have a separate table, because they were
+/// measured on another picture and under conventions that the paper does not state.
 pub fn published() -> Option<Table> {
     let mut table = paper::published("metrics_comparison")?.table(&[0]);
     table.name = "translation-published".to_owned();
@@ -63,7 +63,7 @@ fn method_note(experiment: &Experiment) -> String {
 }
 
 /// One row per comparison at full precision: `comparison,shift_percent,shift_px`, then one column
-/// per metric. If a score is unavailable, its cell is empty and the last column gives the reason.
+/// per metric. The cell of an unavailable score is empty, and the last column gives the reason.
 pub fn csv(experiment: &Experiment) -> Vec<u8> {
     let mut heads: Vec<String> = ["comparison", "shift_percent", "shift_px"]
         .map(String::from)

@@ -21,8 +21,8 @@ pub enum CheckpointFetchError {
     File(#[from] FileError),
 }
 
-/// Downloads a release into a cache folder. The caller must first obtain the user's acceptance of the licence, if
-/// required.
+/// Downloads a release into a cache folder. If the licence requires the user's acceptance, the
+/// caller must first obtain it.
 ///
 /// Resumes an interrupted transfer, even one of an earlier call. The file gets its final name only if its size is
 /// plausible, it contains all of the network's tensors, and it matches the record of an earlier download, if any.

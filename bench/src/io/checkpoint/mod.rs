@@ -38,12 +38,12 @@ pub fn find_checkpoint() -> Result<PathBuf, NoCheckpoint> {
 /// File name of Depth Pro's checkpoint, as its authors distribute it.
 pub const DEPTH_PRO_FILE: &str = "depth_pro.pt";
 
-/// Depth Pro's checkpoint in torch's hub folder or in our cache; `None` if it is in neither.
+/// Depth Pro's checkpoint in torch's hub folder or in our cache; `None` if neither folder has it.
 pub fn find_depth_pro() -> Option<PathBuf> {
     first_file(places_of(DEPTH_PRO_FILE)).ok()
 }
 
-/// The encoder of the paper's perceptual loss in our cache; `None` if it is not there.
+/// The encoder of the paper's perceptual loss in our cache; `None` if the cache does not have it.
 pub fn find_resnet() -> Option<PathBuf> {
     first_file(
         cache_folder()

@@ -62,9 +62,10 @@ pub enum NetworkError {
     OtherWeights { path: PathBuf, sha256: String },
 }
 
-/// The network of a checkpoint, on the CPU. `checkpoint` is a file, or `mini` for the bundled network; without it, the
-/// official checkpoint is searched for. The configuration is `config` (`FILE.json#NAME`) if given, otherwise that of a
-/// fitting `.json` next to the file, otherwise the release's. `mini` has its own configuration and accepts no other.
+/// The network of a checkpoint, on the CPU. `checkpoint` is a file, or `mini` for the bundled
+/// network; if `checkpoint` is `None`, the official checkpoint is searched for. The configuration
+/// is `config` (`FILE.json#NAME`) if given, otherwise the configuration in a fitting `.json` next
+/// to the file, otherwise the release's. `mini` has its own configuration and accepts no other.
 ///
 /// # Errors
 /// [`NetworkError`] if no checkpoint is found, if the file or its configuration cannot be read, if several
@@ -96,8 +97,9 @@ pub fn named_network(
     })
 }
 
-/// Depth Pro's network from a file, on the CPU. `config` (`FILE.json#NAME`) states the layer sizes; only those of the
-/// depth network are used. Without `config`, they are those of Depth Pro's release, which equal SHARP's.
+/// Depth Pro's network from a file, on the CPU. `config` (`FILE.json#NAME`) states the layer sizes;
+/// only those of the depth network are used. Without `config`, the sizes are those of Depth Pro's
+/// release, which equal SHARP's.
 ///
 /// # Errors
 /// [`NetworkError`] if the configuration cannot be read.
@@ -163,8 +165,8 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     })
 }
 
-/// Configurations, each with its `FILE#NAME`: those in `STEM.json` next to the checkpoint or, if there are none, those
-/// in all `.json` files there.
+/// Configurations, each with its `FILE#NAME`: those in `STEM.json` next to the checkpoint or, if
+/// that file has none, those in all `.json` files in the checkpoint's folder.
 fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     let own = checkpoint.with_extension("json");
     let of_file = |path: &Path| {
@@ -196,7 +198,7 @@ fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
 /// The file with the bundled network's weights, searched for next to the program and in the program's source tree.
 ///
 /// # Errors
-/// [`NetworkError`] if there is no such file, or it is not the one that belongs to this program.
+/// [`NetworkError`] if there is no such file, or its content does not belong to this program.
 pub fn bundled_weights() -> Result<PathBuf, NetworkError> {
     let folders = own_folders().into_iter();
     let folders = folders.chain([bundled::source_folder().to_owned()]);

@@ -23,7 +23,7 @@ pub struct CheckpointRecord {
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Standing {
-    /// There was no record to compare with, so one was written to this file.
+    /// There was no earlier record to compare with, so a record was written to this file.
     Unverified(PathBuf),
     Matches(String),
 }
@@ -67,7 +67,7 @@ pub fn record_file(file: &str) -> Option<PathBuf> {
     Some(cache_folder()?.join(format!("{file}.json")))
 }
 
-/// The record; `None` if there is none.
+/// Reads a record; `None` if the file does not exist.
 pub fn read(file: &Path) -> Result<Option<CheckpointRecord>, RecordError> {
     match std::fs::read(file) {
         Ok(bytes) => {

@@ -39,7 +39,7 @@ pub const RESNET_FILE: &str = "resnet50dilated.pth";
 /// A published file for which the authors provide no hash.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Release {
-    /// Name of the file for `weights fetch`.
+    /// Name of the file on the command line of `weights fetch`.
     pub name: &'static str,
     /// File name in our cache.
     pub file: &'static str,
@@ -63,8 +63,8 @@ pub enum ReleasedNetwork {
 /// Number of f32 values in the release's state dict.
 const PARAMETERS: u64 = 702_305_169;
 
-/// Number of parameters of the encoder: a ResNet-50 without its classifier, with three 3×3 convolutions in place of the
-/// 7×7 one.
+/// Number of parameters of the encoder: a ResNet-50 without its classifier, with three 3×3
+/// convolutions in place of the 7×7 convolution.
 const RESNET_PARAMETERS: u64 = 23_631_808;
 
 /// Upper bound on what a file contains besides its parameters, in bytes: names, shapes and alignment of a thousand

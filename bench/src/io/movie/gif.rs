@@ -17,9 +17,9 @@ const SPEED: i32 = 1;
 
 /// A GIF that loops forever.
 ///
-/// Frames with at most 256 colours are stored exactly; for others, NeuQuant computes a palette, without dithering.
-/// Delays are in hundredths of a second: at 30 frames per second, some frames last 3 and others 4, so that the total
-/// duration is correct.
+/// Frames with at most 256 colours are stored exactly; for frames with more, NeuQuant computes a
+/// palette, without dithering. Delays are in hundredths of a second: at 30 frames per second, some
+/// frames last 3 hundredths and some 4, so that the total duration is correct.
 pub struct GifMovie {
     encoder: gif::Encoder<PartialFile>,
     path: PathBuf,
@@ -74,7 +74,7 @@ impl GifMovie {
 impl Movie for GifMovie {
     fn push(&mut self, image: &RgbImage) -> Result<(), MovieError> {
         check_size(&self.path, image, self.size)?;
-        // Checked when the movie was created: both fit into u16.
+        // Both sides fit into u16, as checked when the movie was created.
         let (width, height) = (self.size.0 as u16, self.size.1 as u16);
         let mut frame = Frame::from_rgb_speed(width, height, image.as_raw(), SPEED);
         frame.delay = (self.start(self.frames + 1) - self.start(self.frames)) as u16;

@@ -38,7 +38,7 @@ pub enum MovieError {
 pub trait Movie: Send {
     fn push(&mut self, frame: &RgbImage) -> Result<(), MovieError>;
 
-    /// Writes the remaining frames and gives the file its name.
+    /// Writes the remaining frames and gives the file its final name.
     fn finish(self: Box<Self>) -> Result<(), MovieError>;
 }
 

@@ -13,8 +13,8 @@ use crate::io::atomic_files::{FileError, PartialFile};
 
 const FFMPEG: &str = "ffmpeg";
 
-/// Converts to YUV with BT.709's matrix in video range. The file declares both, so that players need not guess.
-/// Transfer function and primaries stay sRGB's.
+/// Converts to YUV with BT.709's matrix in video range. The file declares matrix and range, so that
+/// players need not guess. Transfer function and primaries stay sRGB's.
 const FILTER: &str = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
 
 /// First line of `ffmpeg -version`; `None` if ffmpeg is not installed.
@@ -112,7 +112,7 @@ impl Mp4Movie {
         })
     }
 
-    /// ffmpeg's last error message, or else `otherwise`.
+    /// ffmpeg's last error message, or `otherwise` if there is no message.
     fn failed(&mut self, otherwise: &str) -> MovieError {
         let mut said = String::new();
         // If ffmpeg's output cannot be read, use `otherwise`.

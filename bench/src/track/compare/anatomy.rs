@@ -1,8 +1,9 @@
 //! Differences by class of target pixel, determined from the depth of both views: visible in the
 //! source, hidden, outside the source, or close to a depth edge.
 //!
-//! PSNR is computed over a class's pixels. SSIM and LPIPS are the means of their maps over those pixels, although
-//! windows and receptive fields extend beyond the class. DISTS has no map and is left out.
+//! PSNR is computed over a class's pixels. SSIM and LPIPS are the means of their maps over those
+//! pixels, although windows and receptive fields extend beyond the class. DISTS has no map, so it
+//! is not reported by class.
 
 use std::collections::BTreeMap;
 
@@ -23,26 +24,28 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::pictures::ReportPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
-/// Two depths belong to different surfaces if they differ by more than this share. Overlap uses the same value.
+/// Two depths belong to different surfaces if they differ by more than this share. The computation
+/// of overlap uses the same value.
 const SURFACE_TOLERANCE: f64 = 0.05;
 /// Distance up to which pixels belong to a depth edge, in pixels.
 const EDGE_RADIUS: i64 = 3;
 /// A class has scores for a pair only if it has at least this share of the pair's scored pixels.
 const MIN_SHARE: f64 = 0.001;
 
-/// Class of a target pixel for methods that use only the source. A pixel to which several classes apply gets the first
-/// of them in this order.
+/// Class of a target pixel for methods that use only the source. A pixel to which several classes
+/// apply gets the first applicable class in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PixelClass {
     /// Within three pixels of a pixel whose depth differs from a neighbour's by more than 5 % of the nearer depth.
     DepthEdge,
-    /// The target or the source has no valid depth at this point, or the source has a farther surface there.
+    /// The target or the source has no valid depth at the pixel's surface point, or the source has
+    /// a farther surface there.
     Unknown,
-    /// Behind the source camera, or outside its image.
+    /// The pixel's surface point is behind the source camera or outside its image.
     OutsideSource,
-    /// The source's depth at this point agrees within 5 %.
+    /// The source's depth at the pixel's surface point agrees within 5 %.
     Visible,
-    /// The source has a nearer surface at this point.
+    /// The source has a nearer surface in front of the pixel's surface point.
     Disoccluded,
 }
 
@@ -152,7 +155,7 @@ impl RunComparison {
     /// photographs, cameras and depth.
     ///
     /// # Errors
-    /// If the available weights differ from those of the runs.
+    /// If the available weights differ from the weights of the runs.
     pub fn anatomy(
         &self,
         against: &Against,
@@ -225,7 +228,8 @@ impl RunComparison {
         Ok(anatomy)
     }
 
-    /// Metrics on whole pictures that have per-pixel values. Adds a note on the metrics that do not.
+    /// Metrics on whole pictures that have per-pixel values. Adds a note on the metrics that have
+    /// no per-pixel values.
     fn mapped_metrics(&self, notes: &mut Vec<String>) -> Vec<MetricInfo> {
         let metrics = self.results.manifest.metrics.iter().map(|m| &m.info);
         let (mapped, others): (Vec<_>, Vec<_>) = metrics
@@ -334,7 +338,7 @@ fn masks(
     masks.ok_or_else(|| "its depth and its photograph differ in size".to_owned())
 }
 
-/// Mean of a map over a mask; `None` if it has no value there.
+/// Mean of a map over a mask; `None` if the map has no value inside the mask.
 fn mean_inside(map: &ScoreMap, mask: &Mask) -> Option<f64> {
     let width = mask.dimensions().0;
     let values = map.values.enumerate_pixels().filter(|(x, y, _)| {

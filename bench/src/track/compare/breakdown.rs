@@ -47,8 +47,8 @@ impl Division {
         }
     }
 
-    /// A record's motion, as measured by this division; `None` if it is unknown or not finite, or if the division is
-    /// not by motion.
+    /// A record's motion, as measured by this division; `None` if the motion is unknown or not
+    /// finite, or if the division is not by motion.
     fn value(self, record: &Record) -> Option<f64> {
         match self {
             Self::Scene | Self::Pixels => None,
@@ -57,7 +57,8 @@ impl Division {
     }
 }
 
-/// One metric of two methods on part of a dataset's pairs or pixels. Differences are B − A; non-finite values are null.
+/// Scores of two methods under one metric, on part of a dataset's pairs or pixels. Differences are
+/// B − A; non-finite values are null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stratum {
     pub dataset: String,
@@ -66,9 +67,11 @@ pub struct Stratum {
     pub method_a: String,
     pub method_b: String,
     pub by: Division,
-    /// The scene, the bin `low to high` (including its lower end), or the pixel class.
+    /// Name of the part: the scene, the bin `low to high` (including its lower end), or the pixel
+    /// class.
     pub stratum: String,
-    /// Mean share of the class in a pair's scored pixels, 0..1; pairs without such pixels count as 0.
+    /// Mean share of the class in a pair's scored pixels, 0..1; pairs without pixels of the class
+    /// count as 0.
     pub pixel_share: Option<f64>,
     pub n_pairs: usize,
     /// Number of physical scenes.

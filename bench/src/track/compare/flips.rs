@@ -15,7 +15,7 @@ use crate::report::tables::grid::{GridCell, TextGrid};
 pub struct Flips<'a> {
     metric: &'a MetricInfo,
     methods: [&'a Against; 2],
-    /// Number of pairs with all four scores.
+    /// Number of pairs for which both methods have scores in both A and B.
     n_pairs: usize,
     flipped: Vec<Flipped<'a>>,
 }

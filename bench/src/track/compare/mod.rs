@@ -23,7 +23,7 @@ use crate::io::counts::counted;
 use crate::pairs::pair_id::PairName;
 use rows::Sides;
 
-/// Name of the row over all datasets, which contains the unweighted mean of their means.
+/// Name of the row over all datasets, which contains the unweighted mean of the datasets' means.
 pub use crate::pairs::dataset::ALL_DATASETS as ALL;
 
 /// Why two runs cannot be compared.
@@ -32,7 +32,7 @@ pub enum CompareError {
     /// A run cannot be read, or the two runs were scored under different rules.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
-    /// The runs differ in more than their methods.
+    /// The runs differ in more than the compared methods.
     #[error("{} and {} cannot be compared: {difference}", a.display(), b.display())]
     Unlike {
         a: PathBuf,
@@ -42,7 +42,7 @@ pub enum CompareError {
     /// The methods to compare are ambiguous or do not exist.
     #[error("{0}")]
     Methods(String),
-    /// The available weights differ from those of the runs.
+    /// The available weights differ from the weights of the runs.
     #[error("no error anatomy: {0}; pass the runs' weights with --weights")]
     Anatomy(String),
 }
@@ -73,7 +73,8 @@ impl Practical {
     }
 }
 
-/// One metric of two methods on one dataset. Differences are B − A; unknown and non-finite values are null.
+/// Scores of two methods under one metric, on one dataset. Differences are B − A; unknown and
+/// non-finite values are null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScoreChange {
     /// The dataset's name, or [`ALL`].
@@ -85,7 +86,7 @@ pub struct ScoreChange {
     pub method_b: String,
     /// Number of pairs with a score on both sides.
     pub n_pairs: usize,
-    /// Number of physical scenes of these pairs.
+    /// Number of physical scenes of the pairs with a score on both sides.
     pub n_scenes: usize,
     /// Number of pairs with an infinite score on either side.
     pub n_infinite: usize,
@@ -110,7 +111,8 @@ pub struct ScoreChange {
     /// Number of planned pairs that lack the score on at least one side.
     #[serde(skip)]
     pub left_out: usize,
-    /// Number of the dataset's scenes that show the same physical scene as an earlier one.
+    /// Number of the dataset's scenes that show the same physical scene as an earlier scene of the
+    /// dataset.
     #[serde(skip)]
     pub merged_scenes: usize,
     /// p of the sign-flip test over scenes, only for single datasets; exact for up to 14 scenes.
@@ -120,7 +122,7 @@ pub struct ScoreChange {
     /// Why interval and p are missing.
     #[serde(skip)]
     pub no_inference: Option<NoInference>,
-    /// Decimals in tables.
+    /// Number of decimals in tables.
     #[serde(skip)]
     pub decimals: usize,
 }
@@ -146,13 +148,13 @@ pub(super) fn word<S: serde::Serializer>(
 pub struct Against {
     pub a: String,
     pub b: String,
-    /// Labels in [`RunComparison::results`].
+    /// Labels of the two methods in [`RunComparison::results`].
     pub joined: [String; 2],
 }
 
 #[derive(Debug, Clone)]
 pub struct RunComparison {
-    /// Run folder or bundle.
+    /// Path of run A, a folder or a bundle.
     pub a: PathBuf,
     pub b: PathBuf,
     pub against: Vec<Against>,
@@ -160,7 +162,7 @@ pub struct RunComparison {
     pub rows: Vec<ScoreChange>,
     /// Notes that do not prevent the comparison, one line each.
     pub notes: Vec<String>,
-    /// Seed and number of resamples.
+    /// Seed and number of the resamples behind intervals and p values.
     pub resampling: Resampling,
     /// The results of both runs, joined.
     pub results: Results,
@@ -173,7 +175,8 @@ pub struct PairChange<'a> {
     /// The pair's record in A.
     pub a: &'a Record,
     pub scores: [f64; 2],
-    /// How much worse B is, in the metric's unit; negative if better, zero if both scores are the same infinity.
+    /// How much worse B is than A, in the metric's unit; negative if B is better, zero if both
+    /// scores are the same infinity.
     pub loss: f64,
 }
 
@@ -229,8 +232,8 @@ fn order_by_loss(changes: &mut [PairChange<'_>]) {
     });
 }
 
-/// Compares run B with run A. `methods` are pairs of labels `(in A, in B)`. If it is empty, compares methods with the
-/// same label, or the only method of each run.
+/// Compares run B with run A. `methods` are pairs of labels `(in A, in B)`. If `methods` is empty,
+/// compares methods with the same label or, if each run has only one method, these two.
 ///
 /// # Errors
 /// If a run cannot be read, or the runs differ in anything but the methods: metrics, scoring rules,
@@ -248,7 +251,7 @@ pub fn compare(
 /// Reads two runs, or one run as both sides.
 ///
 /// # Errors
-/// If one cannot be read.
+/// If a run cannot be read.
 pub fn both_sides(a: &Path, b: &Path) -> Result<[Results; 2], EvaluateError> {
     let of_a = Results::read(a)?;
     let of_b = if a == b {
@@ -360,9 +363,9 @@ fn rows(
     Ok((rows, notes))
 }
 
-/// The difference between rendering backends, if any. CPU backends count as equal, because their
-/// kernels change no visible digit of a score. All other settings are compared when the results are
-/// joined.
+/// Describes a difference between the runs' rendering backends; `None` if there is no difference.
+/// CPU backends count as equal, because their kernels change no visible digit of a score. All other
+/// settings are compared when the results are joined.
 fn backend_difference([a, b]: &[Manifest; 2]) -> Option<String> {
     let kind = |manifest: &Manifest| {
         if manifest.renderer.backend.starts_with("cpu-") {

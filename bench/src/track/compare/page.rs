@@ -34,7 +34,7 @@ pub struct PairLine<'a> {
     pub a: f64,
     #[serde(with = "finite_or_text")]
     pub b: f64,
-    /// How much worse B is.
+    /// How much worse B is than A, in the metric's unit.
     #[serde(with = "finite_or_text")]
     pub loss: f64,
 }
@@ -67,8 +67,8 @@ impl RunComparison {
         })
     }
 
-    /// The output of `compare --json`: the comparison with its [strata](Self::strata) and, if there are any, the
-    /// `flips`.
+    /// The output of `compare --json`: the comparison with its [strata](Self::strata) and the
+    /// `flips`, if not empty.
     pub fn json(&self, strata: &[Stratum], flips: &[Flips<'_>]) -> Value {
         let mut json = json!({
             "schema": 1,
@@ -86,8 +86,8 @@ impl RunComparison {
         json
     }
 
-    /// The pairs of each method and metric, largest loss first. `of_either_end` limits them to that many of the largest
-    /// losses and as many of the largest gains.
+    /// The pairs of each method and metric, largest loss first. `of_either_end` limits the pairs to
+    /// that number of the largest losses and the same number of the largest gains.
     pub fn pair_lines(&self, of_either_end: Option<usize>) -> Vec<PairLine<'_>> {
         let mut lines = Vec::new();
         for against in &self.against {

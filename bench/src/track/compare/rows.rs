@@ -43,9 +43,9 @@ impl<'a> Sides<'a> {
         scored.collect()
     }
 
-    /// One row per dataset with planned pairs and, if there are several datasets, one row over all. If a dataset has no
-    /// scores on one side, its row has no numbers, nor has the row over all. `datasets` are the datasets' names with
-    /// their numbers of planned pairs.
+    /// One row per dataset with planned pairs and, if there are several datasets, one row over all.
+    /// If a dataset has no scores on one side, neither its row nor the row over all has numbers.
+    /// `datasets` are the datasets' names with their numbers of planned pairs.
     pub(super) fn rows(
         &self,
         datasets: &[(&'a str, usize)],

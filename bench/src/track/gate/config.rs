@@ -31,7 +31,7 @@ impl GateConfig {
     /// Parses `gate.toml`.
     ///
     /// # Errors
-    /// The mistake and its line in the file.
+    /// If the text is invalid; states the mistake and the line.
     pub fn parse(text: &str) -> Result<Self, String> {
         toml::from_str(text).map_err(|error| {
             let line = error
@@ -46,7 +46,7 @@ impl GateConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(try_from = "String")]
 pub enum MetricName {
-    /// A family such as `lpips`: all of its variants in the runs.
+    /// A family such as `lpips`, which stands for all variants of the family in the runs.
     Family(Family, MetricRegion),
     Key(MetricKey),
 }
@@ -106,14 +106,14 @@ impl fmt::Display for MetricName {
 pub enum Scope {
     /// Each dataset, and the mean over them.
     Everywhere,
-    /// One dataset, or [`ALL`](crate::track::compare::ALL).
+    /// One dataset, or [`ALL`](crate::track::compare::ALL) for the mean over the datasets.
     On(String),
     /// Each scene of all datasets, or of one.
     PerScene(Option<String>),
 }
 
 impl Scope {
-    /// The named dataset, if any.
+    /// The dataset that the scope names, if any.
     pub(super) fn dataset(&self) -> Option<&str> {
         match self {
             Self::On(name) | Self::PerScene(Some(name)) => Some(name),
@@ -171,7 +171,7 @@ pub enum Limit {
 }
 
 impl Limit {
-    /// Fires at any significant loss.
+    /// A limit that fires at any significant loss in the metric `key`.
     pub(super) fn any_loss(key: MetricKey) -> Self {
         Self::Score {
             metric: MetricName::Key(key),

@@ -41,7 +41,8 @@ pub(super) fn costs_of(
     checks.collect()
 }
 
-/// The first difference between the devices that made the predictions, or why they are unknown.
+/// The first difference between the devices that made the predictions, or the reason why a
+/// device is unknown; `None` if the devices are equal.
 fn device_difference(
     comparison: &RunComparison,
     against: &Against,

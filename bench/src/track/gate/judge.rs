@@ -54,7 +54,7 @@ pub(super) fn judge(
     })
 }
 
-/// A check, and its subject if it concerns a metric.
+/// A check, and the subject of the check if it concerns a metric.
 type Judged<'a> = (Check, Option<Subject<'a>>);
 
 struct Judge<'a> {
@@ -76,7 +76,8 @@ struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    /// Size of a change for the worse.
+    /// How much worse B is for this limit: positive if B is worse or, if improvements also count,
+    /// the size of the difference.
     fn loss(&self, difference: f64) -> f64 {
         match self.info.direction {
             _ if self.either_way => difference.abs(),
@@ -264,7 +265,8 @@ impl<'a> Judge<'a> {
             let rows = self.comparison.rows.iter().filter(of_metric);
             let mut rows = rows.filter(|row| row.no_inference != Some(NoInference::NoPairs));
             let Some(row) = rows.find(|row| row.dataset == place) else {
-                // Methods need not cover the same datasets, so require scores only where A has some.
+                // Methods need not cover the same datasets, so scores are required only where A has
+                // scores.
                 let is_asked =
                     dataset.is_some() || self.has_scores(&against.joined[0], info, place);
                 return is_asked.then(|| unscored(check));
@@ -308,8 +310,9 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Why a row's data do not suffice for `require_power`, that is, to detect a difference of the required size.
-    /// `None` if they do, if no power is required, or if both sides are equal, because there is nothing to detect.
+    /// Why a row's data do not suffice for `require_power`, that is, to detect a difference of the
+    /// required size. `None` if the data suffice, if no power is required, or if both sides are
+    /// equal, because there is nothing to detect.
     fn lacks_power(&self, info: &MetricInfo, row: &ScoreChange) -> Option<String> {
         let required = self.config.require_power.iter();
         let required = required.filter(|(name, _)| name.names(info));
@@ -448,7 +451,7 @@ fn why_not_significant(row: &ScoreChange) -> String {
     }
 }
 
-/// A score that is not NaN.
+/// The score of a record under `key`; `None` if it is missing or NaN.
 fn number(record: &Record, key: &str) -> Option<f64> {
     let value = record.scores.get(key).and_then(Score::value);
     value.filter(|value| !value.is_nan())

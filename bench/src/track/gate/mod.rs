@@ -43,11 +43,11 @@ pub enum GateError {
 pub enum CheckState {
     #[default]
     Passed,
-    /// Beyond the limit, but not significant.
+    /// The difference is beyond the limit, but not significant.
     NotSignificant,
     /// A cost that was not measured, is too small, or was measured on different devices.
     NotCompared,
-    /// These runs do not allow a decision.
+    /// The runs do not allow a decision.
     Inconclusive,
     Fired,
 }
@@ -81,7 +81,8 @@ pub struct Check {
     pub scene: Option<String>,
     /// Mean score or cost of A; for coverage, the number of pairs with scores in A.
     pub a: Option<f64>,
-    /// Mean score or cost of B; for coverage, how many of these pairs have scores in B.
+    /// Mean score or cost of B; for coverage, the number of pairs with scores in A that also have
+    /// scores in B.
     pub b: Option<f64>,
     /// B − A; for costs, the increase in per cent.
     pub difference: Option<f64>,
@@ -94,7 +95,7 @@ pub struct Check {
     pub mde: Option<f64>,
     /// Reason for the state, in one line; empty if the numbers suffice.
     pub reason: String,
-    /// Decimals in tables.
+    /// Number of decimals in tables.
     #[serde(skip)]
     pub decimals: usize,
 }
@@ -146,7 +147,7 @@ impl Check {
         }
     }
 
-    /// Sets the values of A and B and their difference.
+    /// Sets the values of A and B and the difference between them.
     fn measured(self, a: f64, b: f64, difference: f64, decimals: usize) -> Self {
         Self {
             a: Some(a),
@@ -221,7 +222,8 @@ fn shell_word(text: &str) -> String {
 /// Judges run B relative to run A. `methods` has the same meaning as in [`compare`].
 ///
 /// # Errors
-/// If the runs cannot be compared, or a limit names a metric or a dataset that they do not have.
+/// If the runs cannot be compared, or a limit names a metric or a dataset that the runs do not
+/// have.
 ///
 /// Without limits, any significant loss in a metric of both runs fires.
 pub fn gate(

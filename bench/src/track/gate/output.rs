@@ -69,7 +69,7 @@ fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> TextGrid 
 }
 
 impl GateReport {
-    /// All checks, then the worst pairs if there are any.
+    /// Tables of all checks, then of the worst pairs if there are any.
     pub fn grids(&self) -> Vec<TextGrid> {
         let checks = grid(
             "A is the baseline, B the candidate".to_owned(),
@@ -95,7 +95,8 @@ impl GateReport {
     }
 }
 
-/// One test case per check: fired is a failure, inconclusive an error, not compared is skipped.
+/// Formats the report as JUnit XML, one test case per check: fired is a failure, inconclusive an
+/// error, not compared is skipped.
 pub fn junit(report: &GateReport) -> String {
     let count = |state| report.checks.iter().filter(|c| c.state == state).count();
     let mut out = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
@@ -128,7 +129,7 @@ pub fn junit(report: &GateReport) -> String {
     out
 }
 
-/// One line such as `fired: 23.10 to 22.40, -0.70 (-0.90 .. -0.50), p 0.0010; reason`.
+/// One line on a check, such as `fired: 23.10 to 22.40, -0.70 (-0.90 .. -0.50), p 0.0010; reason`.
 fn said(check: &Check) -> String {
     let [a, b, difference, interval, p] = check.numbers().map(|cell| cell.text);
     let mut said = check.state.text().to_owned();

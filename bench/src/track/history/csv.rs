@@ -7,7 +7,7 @@ use crate::track::compare::verdict_word;
 
 use super::{History, Point};
 
-/// Columns of [`csv()`].
+/// Header of the CSV that [`csv()`] writes.
 pub const COLUMNS: &str = "entry,label,commit,date,method,dataset,metric,n_pairs,n_planned,n_failed,n_scenes,mean,ci_low,ci_high,\
                            weights,identity,follows,broken,change,rule,against,difference,p";
 

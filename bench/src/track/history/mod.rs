@@ -40,7 +40,7 @@ pub enum HistoryError {
     /// A file cannot be read or written.
     #[error(transparent)]
     File(#[from] FileError),
-    /// Invalid label, commit or date.
+    /// The label, commit or date is invalid.
     #[error("{0}")]
     Occasion(String),
     /// The folder has other files, or no entry.
@@ -50,7 +50,7 @@ pub enum HistoryError {
 
 #[derive(Debug)]
 struct Entry {
-    /// Number, from 1 in the order of adding.
+    /// Number of the entry; entries are numbered from 1 in the order in which they were added.
     number: u32,
     occasion: Occasion,
     bundle: Bundle,
@@ -71,7 +71,7 @@ pub struct Added {
 /// All entries and series of a history.
 #[derive(Debug, Clone)]
 pub struct History {
-    /// Entries with their numbers, ascending.
+    /// Number and metadata of each entry, in ascending order of numbers.
     pub entries: Vec<(u32, Occasion)>,
     /// Series by metric, dataset and method, in the order in which they first appear.
     pub series: Vec<Series>,
@@ -103,7 +103,7 @@ impl History {
     }
 }
 
-/// Metadata of a run. The label defaults to the name of its folder or file, the date to now.
+/// Metadata of a run. The label defaults to the name of the run's folder or file, the date to now.
 ///
 /// # Errors
 /// [`HistoryError::Occasion`] if the label, the commit or the date has an invalid form.
@@ -114,7 +114,7 @@ pub fn occasion(
     date: Option<&str>,
 ) -> Result<Occasion, HistoryError> {
     let name = || {
-        // The canonical path has a name even if the given one is `.`.
+        // the given one => the given path
         let run = fs::canonicalize(run).unwrap_or_else(|_| run.to_owned());
         let name = if run.is_dir() {
             run.file_name()
@@ -159,8 +159,8 @@ fn check(occasion: &Occasion) -> Result<(), String> {
 /// concurrently.
 ///
 /// # Errors
-/// If the run cannot be read, the folder has no entry but other files, or the entry cannot be written. A damaged
-/// existing entry is not an error; it keeps its number.
+/// If the run cannot be read, the folder has no entry but other files, or the entry cannot be
+/// written. A damaged existing entry is not an error, and its number is not reused.
 pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryError> {
     let mut bundle = Bundle::read(run)?;
     bundle.occasion = Some(occasion.clone());
@@ -214,7 +214,8 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
         let mut file = PartialFile::create(&path)?;
         file.write_all(&bytes)
             .map_err(FileError::new(&path, "write"))?;
-        // Another process may have written this entry first, possibly from the same run. If so, try again.
+        // Another process may have written an entry with this number first, possibly from the same
+        // run. If so, try again.
         if file.commit_new()? {
             return Ok(Added {
                 path,
@@ -227,7 +228,8 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
     }
 }
 
-/// Reads all entries. Damaged ones are listed in [`History::damaged`] and do not affect the others.
+/// Reads all entries. Damaged entries are listed in [`History::damaged`] and do not affect other
+/// entries.
 ///
 /// # Errors
 /// If the folder cannot be read or has no entry.
@@ -260,8 +262,9 @@ fn entry_path(dir: &Path, number: u32) -> PathBuf {
     dir.join(format!("{number:04}.zip"))
 }
 
-/// The numbers of a folder's entries, and the name of one thing that is not an entry, if there is any. Entries are
-/// recognised by name alone (see [`entry_path`]). Names that begin with a dot are ignored.
+/// The numbers of a folder's entries, and the name of one file or folder that is not an entry, if
+/// any. Entries are recognised by name alone (see [`entry_path`]). Names that begin with a dot are
+/// ignored.
 fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     let entries = fs::read_dir(dir).map_err(FileError::new(dir, "read"))?;
     let (mut numbers, mut foreign) = (BTreeSet::new(), None);

@@ -29,7 +29,7 @@ struct HistoryPage<'a> {
     title: &'a str,
     history: &'a History,
     figures: &'a [Figure],
-    /// Points with events, and their series.
+    /// Points with events, each with its series.
     events: &'a [(&'a Series, &'a Point)],
     changes: usize,
     /// Whether plots have several panels.

@@ -11,7 +11,7 @@ const HEADS: [&str; 9] = [
 ];
 
 impl History {
-    /// Metadata of all entries.
+    /// A table with the metadata of all entries.
     pub fn entries_grid(&self) -> TextGrid {
         let rows = self.entries.iter().map(|(number, occasion)| {
             let commit = occasion.commit.as_deref().unwrap_or("-");

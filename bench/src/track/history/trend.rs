@@ -1,10 +1,10 @@
 //! Scores from entry to entry, and the entries that changed them.
 //!
 //! # Comparable entries
-//! An entry continues a series from an earlier entry: the latest one that can be [compared](crate::track::compare) with
-//! it on that dataset under that metric, and that has the same photographs. If this is not the previous entry, the
-//! series is broken at this point and the reason is recorded. An entry that is comparable with no earlier one starts a
-//! new part.
+//! An entry continues a series from an earlier entry: the latest entry that has the same
+//! photographs and can be [compared](crate::track::compare) on that dataset under that metric. If
+//! this is not the previous entry, the series is broken at this point and the reason is recorded.
+//! An entry that is comparable with no earlier one starts a new part.
 //!
 //! # Change points
 //! Both rules use the test of `compare` on the same pairs, at 0.05 after Holm's correction over the
@@ -35,14 +35,14 @@ use crate::track::compare::{CompareError, Practical, ScoreChange, compare_result
 /// Number of hexadecimal digits shown of the weights' SHA-256.
 const WEIGHTS_DIGITS: usize = 12;
 
-/// One method on one dataset under one metric, over all entries.
+/// Scores of one method on one dataset under one metric, over all entries.
 #[derive(Debug, Clone)]
 pub struct Series {
     /// Label of the method.
     pub method: String,
     pub dataset: String,
     pub metric: Column,
-    /// One point per entry with a value, ascending.
+    /// The points in ascending order, one for each entry with a value.
     pub points: Vec<Point>,
 }
 
@@ -63,7 +63,7 @@ pub struct Point {
     pub n_failed: usize,
     /// Number of physical scenes of the pairs with a score.
     pub n_scenes: usize,
-    /// Mean over the pairs with a score; `None` if there are none.
+    /// Mean over the pairs with a score; `None` if no pair has a score.
     pub mean: Option<f64>,
     /// Lower end of the 95 % confidence interval of the mean, with scenes as the sample.
     pub ci_low: Option<f64>,
@@ -71,24 +71,25 @@ pub struct Point {
     pub ci_high: Option<f64>,
     /// First digits of the SHA-256 of the method's weights; empty without weights.
     pub weights: String,
-    /// Everything that determines the method's predictions.
+    /// Identity of everything that determines the method's predictions.
     pub identity: String,
-    /// The entry that this point is compared with; `None` at the start of a part of the series.
+    /// Number of the entry with which this point is compared; `None` at the start of a part of the
+    /// series.
     pub follows: Option<u32>,
     /// Why the point is not comparable with the previous entry.
     pub broken: Option<String>,
-    /// Set if this is a change point.
+    /// The mark of a change point; `None` for other points.
     pub change: Option<Mark>,
 }
 
 /// A change point: an entry that is better or worse than an earlier one, by one of the rules.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mark {
-    /// Better or worse.
+    /// Whether the entry is better or worse than `against`.
     #[serde(serialize_with = "crate::track::compare::word")]
     pub verdict: Verdict,
     pub rule: Rule,
-    /// The entry that this one is compared with.
+    /// Number of the entry with which this entry is compared.
     pub against: u32,
     /// Mean difference of this entry minus `against`, over pairs with a score in both.
     pub difference: f64,
@@ -107,7 +108,7 @@ pub enum Rule {
 #[derive(Debug)]
 struct Growing {
     series: Series,
-    /// Parts in the order of their first entries.
+    /// Parts of the series in the order of their first entries.
     parts: Vec<Stretch>,
 }
 
@@ -170,7 +171,7 @@ impl Trend {
         let mut open: BTreeSet<usize> = points.keys().copied().collect();
         // A point without a score neither changes nor interrupts a series.
         open.retain(|at| points[at].n_pairs > 0);
-        // For each point, the index of the part that it continues.
+        // For each point, the index of the part of its series that the point continues.
         let mut continued: BTreeMap<usize, usize> = BTreeMap::new();
         let mut earlier: BTreeMap<u32, Arc<Entry>> = BTreeMap::new();
         for part in open.iter().flat_map(|at| &self.0[*at].parts) {
@@ -216,7 +217,7 @@ impl Trend {
         }
     }
 
-    /// Marks those points without a step that differ from the reference of their part.
+    /// Marks points that are not a step but differ from the reference of their part of the series.
     fn find_drift(
         &self,
         scope: &MethodMetric<'_>,
@@ -370,7 +371,8 @@ impl MethodMetric<'_> {
         }
     }
 
-    /// Compares entry `b` with `a` on common datasets. A dataset that cannot be compared does not affect the others.
+    /// Compares entry `b` with `a` on common datasets. A dataset that cannot be compared does not
+    /// affect other datasets.
     fn compare(&self, a: &Entry, b: &Entry, datasets: &[&str]) -> Compared {
         let compared = |datasets: &[&str]| -> Result<Vec<ScoreChange>, String> {
             if let Some(pair) = other_photographs(a, b, datasets) {

@@ -16,17 +16,17 @@ use crate::View;
 const MIN_OF_FOCALS: f64 = 0.85;
 /// Number of focal lengths tried in each direction (up to a factor of 6), then the ratio between consecutive ones.
 const FOCALS: (i32, f64) = (52, 1.0353);
-/// For fx or fy alone, the factor that makes pixels square is preferred to the best-fitting one. The fraction of
-/// matches that it explains may be lower by at most this.
+/// For fx or fy alone, the factor that makes pixels square is preferred to the best-fitting factor,
+/// unless it lowers the fraction of explained matches by more than this.
 const MAX_LOST_BY_SQUARE: f64 = 0.03;
-/// Wrong focal lengths, as factors of the ones read. If the matches determine the focal length, each of these explains
-/// far fewer matches.
+/// Wrong focal lengths, as factors of the focal lengths read. If the matches determine the focal
+/// length, each of these explains far fewer matches.
 const OTHER_FOCALS: [f64; 2] = [0.8, 1.25];
 /// Focal lengths whose relative difference is smaller are considered equal.
 const MAX_SAME_DIFFERENCE: f64 = 0.02;
 
 impl Matches<'_> {
-    /// The same matches with the focal lengths of each view multiplied by these factors.
+    /// These matches, with the focal lengths of each view multiplied by `factors(view index)`.
     fn with_focals(&self, factors: impl Fn(usize) -> DVec2) -> Self {
         let cameras = self.cameras.iter().map(|(i, k)| {
             let (fx, fy) = (k.fx * factors(*i).x, k.fy * factors(*i).y);
@@ -39,7 +39,8 @@ impl Matches<'_> {
         }
     }
 
-    /// Tries swapping the focal lengths of two kinds of views.
+    /// Tries swapping the focal lengths of the two groups of views that [`swapped_focals`] finds;
+    /// returns which matches are then explained.
     pub(super) fn swapped_cameras(&self) -> Option<(Change, Vec<Option<bool>>)> {
         let (text, factors) = swapped_focals(self.views)?;
         let other = self.with_focals(|i| factors[i]);
@@ -47,8 +48,9 @@ impl Matches<'_> {
         Some((Change::Cameras(text), explained))
     }
 
-    /// The factor of fx, of fy, or of both that explains nearly all matches, and significantly more than the focal
-    /// lengths as read. If several do, the one whose pixels are closest to square.
+    /// The factor of fx, of fy, or of both that explains nearly all matches, and significantly more
+    /// than the focal lengths read. If several factors do, the one that makes pixels closest to
+    /// square.
     pub(super) fn other_focal(
         &self,
         as_read: &[Option<bool>],
@@ -105,8 +107,8 @@ impl Matches<'_> {
         misses.sum::<f64>() / self.matches.len().max(1) as f64
     }
 
-    /// True if the matches do not determine focal lengths, because clearly wrong ones explain about as many. `share` is
-    /// the fraction of the matches that those as read explain.
+    /// True if the matches do not determine focal lengths, because clearly wrong ones explain about
+    /// as many. `share` is the fraction of the matches that the focal lengths as read explain.
     pub(super) fn leaves_focals_open(&self, share: f64) -> bool {
         let mut others = Focal::ALL
             .iter()
@@ -118,7 +120,8 @@ impl Matches<'_> {
     }
 }
 
-/// If the views have exactly two focal lengths, a description of their swap and each view's factors.
+/// If the views have exactly two focal lengths: a description of a swap of the two, and each view's
+/// factors.
 pub(in crate::check) fn swapped_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
     let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
     let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < MAX_SAME_DIFFERENCE;

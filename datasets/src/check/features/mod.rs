@@ -32,7 +32,7 @@ const RADIUS: u32 = 3;
 const MIN_ALIKE: f32 = 0.85;
 /// A match is unique if its distance (1 − correlation) is below this multiple of the second-best match's distance.
 const UNIQUE: f32 = 0.6;
-/// A match lies on its epipolar line if its distance from it is at most this, in pixels.
+/// A match lies on its epipolar line if it is at most this far from the line, in pixels.
 const NEAR: f64 = 1.0;
 /// Like [`NEAR`], in pixels, but wide enough for poses that are merely imprecise.
 const CLOSE: f64 = 3.0;
@@ -60,7 +60,8 @@ const MIN_ELSEWHERE: f64 = 0.75;
 /// Otherwise, the pictures' own poses may merely be imprecise, and one of many alternatives may fit better by chance.
 const MAX_AS_READ: f64 = 0.5;
 
-/// Two views whose poses fit two pictures, a description, and the matches that they explain.
+/// Indices of two views whose poses fit two pictures, a description, and for each match whether
+/// these poses explain it.
 type Elsewhere = ((usize, usize), String, Vec<Option<bool>>);
 
 /// Features that match between neighbouring views.
@@ -72,8 +73,8 @@ pub(super) struct Matches<'a> {
 }
 
 impl<'a> Matches<'a> {
-    /// Matches features of neighbouring views. If `both_ways`, a feature must also be the best match of its match. This
-    /// rules out most wrong matches in repeated patterns.
+    /// Matches features of neighbouring views. If `both_ways`, each of the two features must be the
+    /// best match of the other, which rules out most wrong matches in repeated patterns.
     pub(super) fn new(views: &'a [View], effort: Effort, both_ways: bool) -> Self {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
         let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
@@ -107,7 +108,7 @@ impl<'a> Matches<'a> {
         }
     }
 
-    /// Describes how well the matches agree with the poses, as read.
+    /// Describes how well the matches agree with the poses under the reader's interpretation.
     pub(super) fn note(&self) -> String {
         let explained = self.explained(CONVENTIONS[0].take, &Some);
         let (n, share) = (self.matches.len(), share(&explained));
@@ -198,7 +199,8 @@ impl<'a> Matches<'a> {
         &self.views[i].id
     }
 
-    /// How well poses, cameras and, if given, depth explain the matches of each pair of views.
+    /// How well poses, cameras and, if `of` is given, depth explain the matches of each pair of
+    /// views.
     pub(super) fn residuals(&self, of: Option<&Neighbours<'_>>) -> Vec<Residual> {
         let poses = |i: usize| (&self.views[i].camera_from_world, &self.cameras[&i]);
         let mut all: BTreeMap<usize, Residual> = BTreeMap::new();
@@ -221,16 +223,17 @@ impl<'a> Matches<'a> {
         all.into_values().collect()
     }
 
-    /// Evidence that the two pictures of a pair are swapped, if it is significant.
+    /// Evidence that the two pictures of a pair are swapped; `None` if it is not significant.
     pub(super) fn swapped(&self) -> Option<String> {
         let as_read = self.explained(CONVENTIONS[0].take, &Some);
         let other = self.explained(CONVENTIONS[0].take, &|i| Some(1 - i));
         Some(compared(&as_read, &other)?.evidence())
     }
 
-    /// Looks for pairs of a view in `starts` and the next view whose own poses do not explain their matches, but those
-    /// of other views do. Returns a sentence for each such pair, with the matches explained. Empty if any pair remains
-    /// unexplained or two pictures would share a pose: among so many poses, some fit by chance.
+    /// Finds pairs (a view in `starts` and the next one) whose matches are explained by the poses
+    /// of two other views, but not by their own. Returns a sentence for each pair, with the matches
+    /// explained. Returns nothing if any pair remains unexplained or two pictures would share a
+    /// pose: among so many poses, some fit by chance.
     fn all_elsewhere(
         &self,
         starts: &BTreeSet<usize>,
@@ -284,14 +287,15 @@ impl<'a> Matches<'a> {
         (is_needed && share(&best) >= MIN_ELSEWHERE).then_some(((a, b), text, best))
     }
 
-    /// For each match, true if an interpretation explains it; `None` if one of its pictures would have no pose.
+    /// For each match, true if an interpretation explains it; `None` if `pose_of` gives no pose for
+    /// one of the two pictures.
     fn explained(
         &self,
         take: fn(&RigidTransform) -> RigidTransform,
         pose_of: &dyn Fn(usize) -> Option<usize>,
     ) -> Vec<Option<bool>> {
         let pose = |i: usize| Some(take(&self.views.get(pose_of(i)?)?.camera_from_world));
-        // A pose is taken together with the camera of its frame, if the picture size is the same.
+        // Each pose brings the camera of its own frame, if the pictures have the same size.
         let camera = |i: usize| {
             let (own, other) = (
                 &self.cameras[&i],
@@ -337,7 +341,7 @@ impl Compared {
     }
 }
 
-/// Compares two interpretations; `None` if the other one does not explain significantly more.
+/// Compares two interpretations; `None` unless `other` explains significantly more matches.
 fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared> {
     let both = as_read
         .iter()

@@ -15,9 +15,9 @@ use super::super::world::{Object, Surface, World};
 /// positions are sampled only every few centimetres.
 const CLEAR_M: f64 = 0.34;
 
-/// Objects, light and lens of a scene under construction. Positions are in a frame that is rotated about the vertical
-/// through the central camera, so that walls are not always perpendicular to its axis: x right, y down, z forward, in
-/// metres.
+/// Objects, light and lens of a scene under construction. Positions are in a frame that is rotated
+/// about the vertical through the central camera, so that walls are not always perpendicular to the
+/// camera's axis: x right, y down, z forward, in metres.
 pub(super) struct Draft<'a> {
     pub(super) random: &'a mut SplitMix64,
     pub(super) light: Light,
@@ -189,8 +189,8 @@ impl<'a> Draft<'a> {
     }
 
     /// Finds and occupies a free circle on the floor (y = 0) that is in view and whose centre
-    /// satisfies `allowed`. Its depth, from `near` to `far`, is drawn half of the time uniformly in
-    /// depth and half of the time uniformly in disparity.
+    /// satisfies `allowed`. The centre's depth, from `near` to `far`, is drawn half of the time
+    /// uniformly in depth and half of the time uniformly in disparity.
     pub(super) fn spot(
         &mut self,
         (near, far): (f64, f64),

@@ -58,7 +58,7 @@ const FAMILIES: [Family; 16] = [
     Family::Thin,
 ];
 
-/// Maximum number of drafts for a seed. If all are rejected, it becomes a classic scene.
+/// Maximum number of drafts for a seed. If all are rejected, the classic scene is used.
 const DRAFTS: u64 = 32;
 
 fn family(seed: u64) -> Family {
@@ -97,7 +97,7 @@ fn scene_of(family: Family, seed: u64, reflective: bool) -> (World, Rig) {
 fn drafted(family: Family, random: &mut SplitMix64, reflective: bool) -> Option<(World, Rig)> {
     let mut light = match family {
         Family::Room | Family::Corridor => Light::indoors(random),
-        // On a terrace or in a room.
+        // The table is in a room or on a terrace, with equal probability.
         Family::TableTop if random.below(2) == 0 => Light::indoors(random),
         _ => Light::outdoors(random),
     };

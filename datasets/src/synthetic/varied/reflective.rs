@@ -142,7 +142,7 @@ fn stand(
             turn,
         };
         let is_mirror = draft.chance(50);
-        // At most half of the frame's margin or thickness.
+        // Raises the panel by at most half of its frame's margin or thickness.
         let raised = if is_mirror { 0.05 } else { 0.02 } * panel.smaller();
         panel.center.y = below - 0.5 * size.1 - raised;
         if is_mirror {

@@ -92,8 +92,9 @@ impl<'a> Heap<'a> {
         Value::Dict(self.dicts.len() as u32 - 1)
     }
 
-    /// The storage denoted by a persistent id `('storage', class, key, location, numel[, view])`. The location (`cpu`,
-    /// `cuda:0`) is the device it was saved from and is ignored.
+    /// The storage denoted by a persistent id `('storage', class, key, location, numel[, view])`.
+    /// The location (`cpu`, `cuda:0`) is the device from which the storage was saved; it is
+    /// ignored.
     pub(super) fn persistent(&mut self, id: Value<'a>) -> Result<Value<'a>, Fault> {
         if let Some(&[Value::Str("storage"), class @ Value::Foreign(_), ..]) = self.items(id) {
             return Ok(class);

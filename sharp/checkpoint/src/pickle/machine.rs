@@ -31,7 +31,7 @@ struct Machine<'a, 'h> {
     bytes: &'a [u8],
     at: usize,
     stack: Vec<Value<'a>>,
-    /// Stack height at each open mark; nothing below the last one may be popped.
+    /// Stack height at each open mark; values below the last mark may not be popped.
     marks: Vec<usize>,
     /// Values that the pickle stored for later use, by number.
     memo: HashMap<u32, Value<'a>>,
@@ -39,7 +39,7 @@ struct Machine<'a, 'h> {
 }
 
 impl<'a> Machine<'a, '_> {
-    /// Runs one opcode; returns the result if it was the last one.
+    /// Runs one opcode; returns the pickled object after the last opcode, else `None`.
     fn step(&mut self) -> Result<Option<Value<'a>>, Fault> {
         let [op] = self.array()?;
         match op {
@@ -141,7 +141,7 @@ impl<'a> Machine<'a, '_> {
                 let id = self.heap.lists.len() as u32 - 1;
                 self.stack.push(Value::List(id));
             }
-            // Sets are represented as a list of their items, which is never read.
+            // Sets are represented as lists of their items, which are never read.
             0x8f => {
                 self.heap.lists.push(Vec::new());
                 let id = self.heap.lists.len() as u32 - 1;
@@ -199,10 +199,10 @@ impl<'a> Machine<'a, '_> {
                 let id = u32::from_le_bytes(self.array()?);
                 self.recall(id)?;
             }
-            // Opcodes that instantiate a class. Unknown classes become placeholders; for others this is an error,
-            // because the supported ones are never instantiated this way.
+            // Opcodes that instantiate a class. Unknown classes become placeholders. Supported
+            // classes are an error, because state dicts never instantiate them in this way.
             0x81 | 0x92 => {
-                // The arguments; the second opcode also has keyword arguments.
+                // Pops the arguments; the second opcode also has keyword arguments.
                 self.pop()?;
                 if op == 0x92 {
                     self.pop()?;

@@ -16,8 +16,8 @@ pub(crate) struct NamedTensors {
     pub(crate) others: Vec<String>,
 }
 
-/// Selects the state dict in `root`. If `root` itself contains tensors, it is the state dict; otherwise, exactly one
-/// dict within it must contain tensors.
+/// Selects the state dict in `root`. If `root` itself contains tensors, `root` is the state dict;
+/// otherwise, exactly one dict inside `root` must contain tensors.
 ///
 /// `place` returns the byte range of a storage in the file of `file_len` bytes.
 pub(crate) fn resolve<'a>(

@@ -99,7 +99,7 @@ pub(crate) struct Storage<'a> {
 /// A tensor as described by the pickle; only the types of its parts have been checked.
 #[derive(Debug, Clone)]
 pub(crate) struct Tensor {
-    /// Index of its [`Storage`].
+    /// Index of the tensor's [`Storage`].
     pub(crate) storage: u32,
     /// Offset of the first element in the storage.
     pub(crate) offset: i64,

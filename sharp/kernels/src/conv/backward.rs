@@ -20,7 +20,7 @@ const PIXELS_PER_TASK: usize = 4096;
 /// Input image of a convolution.
 #[derive(Debug, Clone, Copy)]
 pub struct ConvInput<'a> {
-    /// `[height][width][channels]`.
+    /// Pixels, `[height][width][channels]`.
     pub data: &'a [f32],
     pub height: usize,
     pub width: usize,
@@ -30,8 +30,9 @@ pub struct ConvInput<'a> {
 
 /// Gradient with respect to the weights, in their layout `[out][in][kernel][kernel]`.
 ///
-/// `upstream`, `[rows][columns][out]`, is the gradient with respect to the convolution's result before any ReLU. Sums
-/// over 4096 pixels are accumulated in f32, and those partial sums in f64.
+/// `upstream`, `[rows][columns][out]`, is the gradient with respect to the convolution's result
+/// before any ReLU. Sums over 4096 pixels are accumulated in f32, and these partial sums are added
+/// in f64.
 ///
 /// # Panics
 /// If a length is wrong, or the convolution changes the image's size.
@@ -71,8 +72,8 @@ pub fn weight_gradient(
 
 /// Contribution of some output rows to the weight gradient, `[tap][in][out]`.
 ///
-/// Computed as a matrix product over pixels. Each channel of the zero-padded image is stored as one row. The pixels
-/// that a tap of the kernel reads are then the same row at a different offset.
+/// Computed as a matrix product over pixels. Each channel of the zero-padded image is stored as one
+/// row. Each tap of the kernel then reads the same row at a different offset.
 fn part_of_weight_gradient(
     simd: Simd,
     spec: ConvSpec,
@@ -146,9 +147,9 @@ pub fn bias_gradient(upstream: &[f32], channels: usize) -> Vec<f32> {
     (0..channels).map(of).collect()
 }
 
-/// Gradient with respect to the input, with weights packed for it. It is itself a convolution, with input and output
-/// channels swapped and the kernel's taps reversed. If the forward stride exceeds 1, zeros are inserted between the
-/// pixels of the upstream gradient.
+/// Gradient of a convolution with respect to its input, with packed weights. This gradient is
+/// itself a convolution, with input and output channels swapped and the kernel's taps reversed. If
+/// the forward stride exceeds 1, zeros are inserted between the pixels of the upstream gradient.
 #[derive(Debug, Clone)]
 pub struct InputGradient {
     conv: Conv2d,
@@ -156,8 +157,8 @@ pub struct InputGradient {
 }
 
 impl InputGradient {
-    /// Prepares the input gradient of the convolution `spec` with weights `weight`. `algorithm` is used for this
-    /// backward convolution.
+    /// Prepares the input gradient of the convolution `spec` with weights `weight`. The gradient is
+    /// computed by a convolution with `algorithm`.
     ///
     /// # Panics
     /// If the length is wrong, or the convolution changes an image's size other than by its stride.
@@ -217,7 +218,7 @@ fn keeps_size(spec: &ConvSpec) -> bool {
     spec.stride == 1 && spec.kernel == 2 * spec.padding + 1
 }
 
-/// Backward pass of a ReLU: zeroes `gradient` wherever `value`, its output, is not positive.
+/// Backward pass of a ReLU: zeroes `gradient` wherever `value`, the ReLU's output, is not positive.
 ///
 /// # Panics
 /// If the lengths differ.

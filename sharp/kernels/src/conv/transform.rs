@@ -165,7 +165,7 @@ fn input_body<const FMA: bool>(
 
 /// Where and how the output transform writes one tile.
 pub(super) struct OutputTile<'a> {
-    /// Padded to a multiple of [`LANES`].
+    /// Bias of each output channel, padded to a multiple of [`LANES`].
     pub(super) bias: &'a [f32],
     pub(super) channels: usize,
     /// Offset in the output of each pixel of the 4×4 block; [`OUTSIDE`] for pixels beyond the output.
@@ -242,7 +242,7 @@ fn output_body<const FMA: bool>(
                     let out = unsafe { tile.out.slice(at + channel, LANES) };
                     out.copy_from_slice(&lanes);
                 } else {
-                    // SAFETY: as above.
+                    // SAFETY: the caller owns the pixels of its tile.
                     let out = unsafe { tile.out.slice(at + channel, len) };
                     for (out, v) in out.iter_mut().zip(lanes) {
                         *out = v;

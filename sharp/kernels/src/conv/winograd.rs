@@ -30,7 +30,7 @@ pub(super) struct Winograd {
     /// For each place of a transformed tile, a matrix of input by output channels. The output channels are padded to
     /// whole panels and a multiple of [`LANES`].
     filters: Vec<PackedMatrix>,
-    /// Padded like the output channels of `filters`.
+    /// Bias of each output channel, padded like the output channels of `filters`.
     bias: Aligned,
 }
 

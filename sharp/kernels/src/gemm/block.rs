@@ -14,7 +14,7 @@ const MAX_ROWS: usize = 16;
 /// Maximum number of row tiles of a block, over all instruction sets.
 const MAX_TILES: usize = MAX_TASK_ROWS / 4;
 
-/// One task's share of a product: some rows of `A`, some panels of `B`.
+/// One task's share of a product `A B`: some rows of `A`, some panels of `B`.
 pub(crate) struct ProductBlock<'a> {
     pub(crate) b: PackedView<'a>,
     /// Rows of the whole product that this block computes.
@@ -22,7 +22,7 @@ pub(crate) struct ProductBlock<'a> {
     pub(crate) panels: Range<usize>,
     pub(crate) epilogue: Epilogue<'a>,
     pub(crate) out: SharedOut<'a>,
-    /// Distance between rows in `out`, used where they are equally spaced.
+    /// Distance between rows in `out`; used if the rows are equally spaced.
     pub(crate) out_stride: usize,
 }
 
@@ -55,10 +55,11 @@ impl ProductBlock<'_> {
         }
     }
 
-    /// Multiplies the run of k that starts at `k0`. Its part of `A` is in `a`, with rows [`stride_for`] apart.
+    /// Multiplies the run of k that starts at `k0`. The run's part of `A` is in `a`, with rows
+    /// [`stride_for`] apart.
     ///
     /// # Safety
-    /// As [`Self::run`].
+    /// As for [`Self::run`].
     #[inline(always)]
     pub(crate) unsafe fn multiply(&self, a: &[f32], k0: usize, offset: &impl Fn(usize) -> usize) {
         let tile = MicroTile::of(self.b.simd);
@@ -130,12 +131,13 @@ impl ProductBlock<'_> {
                 } else {
                     (bias.as_ptr(), 0)
                 };
-                // SAFETY: as above; the output is a whole tile owned by this function.
+                // SAFETY: as for the direct call above, except that the output is a whole tile
+                // owned by this function.
                 unsafe { kernel(kc, a, b.as_ptr(), c, nr, init, init_stride) };
                 if last {
                     self.finish(c, nr, &part, bias);
                 }
-                // SAFETY: as for `gather`.
+                // SAFETY: these elements are exclusively ours by the caller's contract.
                 unsafe { part.scatter(&spare, nr, &self.out) };
             }
         }
@@ -171,7 +173,7 @@ impl Part<'_> {
     /// Copies the part from `tile`, whose rows are `nr` apart, to the output.
     ///
     /// # Safety
-    /// As [`Self::gather`].
+    /// As for [`Self::gather`].
     unsafe fn scatter(&self, tile: &[f32], nr: usize, out: &SharedOut<'_>) {
         for (&at, tile) in self.at.iter().zip(tile.chunks_exact(nr)) {
             // SAFETY: the caller upholds this function's contract.

@@ -1,8 +1,8 @@
 //! Microkernels: a tile of `mr` × `nr` products, one kernel per instruction set.
 //!
-//! `A` is stored row by row, `STRIDE` floats apart; `B` is packed, `nr` columns per step of k. The row distance is a
-//! constant so that every row is addressed from one pointer. It is a power of two plus one cache line, so that the rows
-//! of a tile map to different cache sets.
+//! `A` is stored row by row, `STRIDE` floats apart; `B` is packed, `nr` columns per step of k. The
+//! row distance is a constant so that every row is addressed from one pointer. The distance is a
+//! power of two plus one cache line, so that the rows of a tile map to different cache sets.
 
 use crate::simd::{InstructionSet, Simd};
 
@@ -131,7 +131,7 @@ mod x86 {
         ($name:ident, $features:literal, $rows:literal x $lanes:literal, $zero:ident,
          $load:ident, $splat:ident, $fma:ident, $add:ident, $store:ident) => {
             /// # Safety
-            /// As [`super::Micro`].
+            /// As for [`super::Micro`].
             #[target_feature(enable = $features)]
             pub(super) unsafe fn $name<const STRIDE: usize>(
                 k: usize,

@@ -28,14 +28,14 @@ pub enum Epilogue<'a> {
     Gelu,
     /// Adds the output's previous content: `C += A B + bias`.
     Add,
-    /// Adds another array with the output's layout.
+    /// Adds an array that has the output's layout.
     Residual(&'a [f32]),
     /// [`Self::Residual`], then `max(·, 0)`.
     ResidualRelu(&'a [f32]),
 }
 
-/// Maximum number of rows of a task. The inputs of this many rows, up to `KC` per row at a time, fill a large part of a
-/// 1 MiB L2 cache. The weights are read once for all of these rows.
+/// Maximum number of rows of a task. That many rows of inputs, at most `KC` values per row at a
+/// time, fill a large part of a 1 MiB L2 cache. The weights are read once for all of these rows.
 pub(crate) const MAX_TASK_ROWS: usize = 296;
 /// Maximum number of columns of a task. Each task copies the rows it needs, so narrower tasks would repeat that copy
 /// more often.
@@ -43,7 +43,7 @@ const MAX_COLUMNS: usize = 2048;
 /// Minimum number of columns of a task. Tasks are not split further, even if some threads have no work.
 const FEWEST_COLUMNS: usize = 128;
 
-/// Partition of a product into equally sized tasks of whole tiles. It affects only speed.
+/// Partition of a product into equally sized tasks of whole tiles; affects only speed.
 struct Tasks {
     rows: TaskCut,
     panels: TaskCut,

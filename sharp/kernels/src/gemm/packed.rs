@@ -113,7 +113,7 @@ pub(crate) struct PackedView<'a> {
 }
 
 impl PackedView<'_> {
-    /// Panel `panel` of the run that starts at row `k0`: `min(KC, k - k0)` rows of `nr`.
+    /// Panel `panel` of the run that starts at row `k0`: `min(KC, k - k0)` rows of `nr` columns.
     #[inline(always)]
     pub(crate) fn panel(&self, nr: usize, k0: usize, panel: usize) -> &[f32] {
         let kc = KC.min(self.k - k0);

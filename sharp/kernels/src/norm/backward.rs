@@ -9,7 +9,7 @@ use crate::simd::{Simd, per_instruction_set};
 /// Gradients of a group normalisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NormGradient {
-    /// Gradient of the input, in its layout.
+    /// Gradient of the input, in the input's layout.
     pub input: Vec<f32>,
     /// Gradient of the scales, `[channels]`.
     pub gamma: Vec<f32>,
@@ -148,7 +148,8 @@ fn add_sums_body<const FMA: bool>(x: &[f32], g: &[f32], sums: &mut [Sums]) {
                 gs[..lanes].copy_from_slice(&g[first..first + lanes]);
             }
             for l in 0..WIDE {
-                // Products of two f32 are exact in f64, so fusing would change nothing.
+                // Products of two f32 are exact in f64, so a fused multiply-add would give the same
+                // result.
                 let (x, g) = (f64::from(xs[l]), f64::from(gs[l]));
                 totals[0][l] += x;
                 totals[1][l] += x * x;

@@ -21,9 +21,9 @@ pub(in crate::model) struct Convolution {
     pub(in crate::model) spec: ConvSpec,
     /// Applies ReLU to the input first.
     pub(in crate::model) relu_input: bool,
-    /// Applies ReLU to the result, after everything else.
+    /// Applies ReLU to the result, after the residual is added.
     pub(in crate::model) relu: bool,
-    /// Constant weights, packed for both directions.
+    /// Constant weights, packed for the forward and the backward direction.
     pub(in crate::model) packed: Option<Arc<(Conv2d, InputGradient)>>,
 }
 
@@ -149,7 +149,8 @@ pub(super) fn every(x: &Tensor, step: usize) -> Result<Tensor> {
         .reshape((1, rows, columns, channels))
 }
 
-/// Gradients of a convolution's input, of its weights followed by its biases, and of the residual added to its result.
+/// Gradients of a convolution's input, of the weights followed by the biases, and of the residual
+/// added to the result.
 pub(super) fn gradients(
     kernels: Kernels,
     spec: ConvSpec,
@@ -225,7 +226,8 @@ struct Deconvolution {
 impl Operation for Deconvolution {
     const NAME: &'static str = "sharp-deconvolution";
 
-    /// Multiplies the channels of each pixel by a matrix. The product consists of the pixels of its 2×2 block.
+    /// Multiplies the channels of each input pixel by a matrix. The product holds the pixels of the
+    /// 2×2 output block.
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
         let Self { input, output } = *self;
         let (weight, bias) = parted(&inputs[1], &[input, output, 2, 2])?;
@@ -250,8 +252,9 @@ impl Operation for Deconvolution {
         (out, vec![1, rows, columns, output])
     }
 
-    /// The gradient of a transposed convolution is the convolution of 2×2 blocks that it transposes. That is written as
-    /// a 1×1 convolution over pixels whose channels hold the values of a block.
+    /// The gradient of a transposed convolution is the convolution of 2×2 blocks that it
+    /// transposes. That convolution is computed as a 1×1 convolution over pixels whose channels
+    /// hold the values of a block.
     fn back(&self, kernels: Kernels, pass: &Pass<'_>) -> Option<Vec<Option<Back>>> {
         let x = pass.inputs[0].values;
         let (height, width, input) = pass.inputs[0].image();

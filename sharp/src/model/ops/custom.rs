@@ -18,7 +18,7 @@ pub(super) trait Operation: Send + Sync + 'static {
     /// Evaluates with candle, on any device.
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor>;
 
-    /// Evaluates with this project's kernels; returns the output and its shape.
+    /// Evaluates with this project's kernels; returns the output's values and shape.
     fn by_kernels(&self, kernels: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>);
 
     /// Gradients of the inputs computed by this project's kernels. `None` (the default) uses candle's gradients of
@@ -99,8 +99,8 @@ pub(super) struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    /// Gradient with respect to the output. If the operation ends with a ReLU (`rectified`), with respect to the values
-    /// before it.
+    /// Gradient with respect to the output or, if the operation ends with a ReLU (`rectified`),
+    /// with respect to the values before the ReLU.
     pub(super) fn upstream(&self, rectified: bool) -> Cow<'_, [f32]> {
         let mut upstream = Cow::Borrowed(self.upstream);
         if rectified {
@@ -210,7 +210,8 @@ impl<O: Operation> CustomOp3 for Custom<O> {
     }
 }
 
-/// Gradients of Σ output · upstream with respect to all variables that the outputs depend on; `None` if there are none.
+/// Gradients of Σ output · upstream with respect to all variables that the outputs depend on;
+/// `None` if the outputs depend on no variable.
 ///
 /// # Errors
 /// If shapes differ, or the device fails.

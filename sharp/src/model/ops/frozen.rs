@@ -10,7 +10,8 @@ use super::convolution::{Convolution, every};
 use super::custom::{Back, Operation, Pass, View, apply};
 use crate::model::compute::{Compute, Kernels};
 
-/// A convolution with constant weights; the kernels keep them packed in both directions.
+/// A convolution with constant weights, which the kernels keep packed for the forward and the
+/// backward direction.
 pub struct FrozenConvolution {
     operation: Convolution,
     /// Weights followed by biases.
@@ -69,8 +70,9 @@ impl FrozenConvolution {
         if self.dilation == 1 {
             return self.dense(x, residual, relu);
         }
-        // A dilated kernel only combines pixels whose distances are multiples of the dilation. So the image consists of
-        // `dilation²` independent images, which are placed side by side with zeros between them and convolved as one.
+        // A dilated kernel only combines pixels whose distances are multiples of the dilation.
+        // Therefore, the image consists of `dilation²` independent images, which are placed side by
+        // side with zeros between them and convolved as one.
         let (_, height, width, _) = x.dims4()?;
         let residual = residual.map(|residual| self.apart(residual)).transpose()?;
         let y = self.dense(&self.apart(x)?, residual.as_ref(), relu)?;
@@ -88,7 +90,8 @@ impl FrozenConvolution {
             .contiguous()
     }
 
-    /// Splits an image into its `dilation²` images, each with at least one line of zeros after each side.
+    /// Splits an image into `dilation²` images, placed side by side, each followed by at least one
+    /// row and one column of zeros.
     fn apart(&self, x: &Tensor) -> Result<Tensor> {
         let (_, height, width, channels) = x.dims4()?;
         let d = self.dilation;

@@ -43,7 +43,7 @@ impl Recompute {
         let output = output.detach();
         let nothing = Tensor::zeros(0, DType::F32, &Device::Cpu)?;
         let [a, b, c] = [0, 1, 2].map(|k| inputs.get(k).copied().unwrap_or(&nothing));
-        // The backward pass reaches an operation only if one of its inputs is tracked.
+        // The backward pass reaches an operation only if an input of the operation is tracked.
         let a = if is_tracked {
             a.clone()
         } else {
@@ -57,7 +57,7 @@ impl Recompute {
         Ok(a.apply_op3(b, c, operation)?)
     }
 
-    /// Removes the gradient of a variable.
+    /// Removes and returns the gradient of a variable; `None` if there is none.
     pub(in crate::model) fn take(&self, variable: &Tensor) -> Option<Tensor> {
         self.gradients().remove(&variable.id())
     }

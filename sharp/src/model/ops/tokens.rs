@@ -18,7 +18,7 @@ use crate::model::compute::Kernels;
 pub(in crate::model) struct Linear {
     kernels: Option<Kernels>,
     product: Product,
-    /// Weights followed by biases; `None` if they are packed and not trained.
+    /// Weights followed by biases; `None` if the weights are packed and not trained.
     weights: Option<Tensor>,
 }
 
@@ -86,7 +86,7 @@ struct Product {
     /// Shape of the weights, `[out, in]`.
     shape: [usize; 2],
     packed: Option<Arc<PackedMatrix>>,
-    /// Applies GELU to the result; only with packed weights.
+    /// Applies GELU to the result; allowed only with packed weights.
     gelu: bool,
 }
 

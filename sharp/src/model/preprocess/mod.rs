@@ -49,7 +49,7 @@ impl Default for PhotoOptions {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Photo {
-    /// `[3, height, width]`, sRGB-encoded, 0..1.
+    /// Pixels, `[3, height, width]`, sRGB-encoded, 0..1.
     pub values: Vec<f32>,
     pub width: usize,
     pub height: usize,
@@ -57,7 +57,7 @@ pub struct Photo {
     pub focal_source: FocalSource,
     /// Warnings about the picture.
     pub warnings: Vec<String>,
-    /// Warnings about the focal length, if it is from the file or the default.
+    /// Warnings about the focal length, if the focal length is from the file or the default.
     pub focal_warnings: Vec<String>,
 }
 
@@ -81,8 +81,9 @@ impl Photo {
 /// Reads a photograph.
 ///
 /// # Errors
-/// [`ModelError::Photograph`] if it cannot be decoded completely; [`ModelError::File`] if it cannot be read, is smaller
-/// than 2×2, exceeds the pixel limit, or has a focal length that is not positive.
+/// [`ModelError::Photograph`] if the photograph cannot be decoded completely; [`ModelError::File`]
+/// if it cannot be read, is smaller than 2×2, exceeds the pixel limit, or has a focal length that
+/// is not positive.
 pub fn load_photo(path: &Path, options: &PhotoOptions) -> Result<Photo, ModelError> {
     let bytes = crate::files::read(path).map_err(|e| ModelError::file(path, e))?;
     photo_from_bytes(path, &bytes, options)

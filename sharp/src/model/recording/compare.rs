@@ -17,12 +17,12 @@ pub struct StageComparison {
     /// differ.
     pub rel_error: f64,
     pub values: usize,
-    /// Reason that the stage was not compared; `None` if it was.
+    /// Reason that the stage was not compared; `None` if it was compared.
     pub note: Option<String>,
 }
 
-/// All stages of a recording: first the stages that were computed, in order of computation; then the others, with an
-/// infinite error.
+/// All stages of a recording: first the stages that were computed, in order of computation; then
+/// the remaining stages, with an infinite error.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RecordingComparison {
     pub stages: Vec<StageComparison>,
@@ -48,8 +48,9 @@ const GAUGE: &str = "world.quaternions";
 /// The recording's known depth, an input of the alignment network rather than an output.
 const KNOWN_DEPTH: &str = "alignment.gt_depth";
 
-/// Predicts from `image` and compares every stage recorded under `prefix`. If the alignment network was recorded, it is
-/// run on the recording's own known depth.
+/// Predicts from `image` and compares every stage recorded under `prefix`. If the recording
+/// contains stages of the alignment network, that network is run on the recording's own known
+/// depth.
 ///
 /// # Errors
 /// [`ModelError`] of the prediction, or if the recording is inconsistent or has no such prefix.
@@ -144,7 +145,7 @@ impl StageObserver for Comparer<'_> {
     }
 }
 
-/// Largest |a − b|, infinite if either is NaN, and the number of pairs.
+/// Largest |a − b| over all pairs, infinite if a or b is NaN, and the number of pairs.
 fn largest_difference(pairs: impl Iterator<Item = (f32, f32)>) -> (f64, usize) {
     pairs.fold((0.0, 0), |(largest, n), (a, b)| {
         let difference = (f64::from(a) - f64::from(b)).abs();

@@ -25,7 +25,7 @@ pub struct RecordedInput {
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedStage {
     pub shape: Vec<usize>,
-    /// Largest magnitude over the whole stage.
+    /// Largest absolute value of the whole stage.
     pub absmax: f64,
     pub values: RecordedValues,
 }
@@ -34,7 +34,8 @@ pub struct RecordedStage {
 pub enum RecordedValues {
     /// All values, in C order.
     Whole(Vec<f32>),
-    /// A sample of the values: their positions in C order, all within the shape, and the values there.
+    /// A sample of the values: positions in C order, all within the shape, and the values at these
+    /// positions.
     Sampled(Vec<usize>, Vec<f32>),
 }
 
@@ -42,7 +43,8 @@ impl Recording {
     /// Opens a recording.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`] if the file is not safetensors, [`ModelError::File`] if it contains no stages.
+    /// [`ModelError::Checkpoint`] if the file is not safetensors, [`ModelError::File`] if the file
+    /// contains no stages.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         let recording = Self {
             file: Checkpoint::open(path)?,
@@ -100,8 +102,8 @@ impl Recording {
         metadata.get("inputs").map_or_else(flat, from_json)
     }
 
-    /// Prefix for an image file: the only prefix, or the one whose recorded image has the file's
-    /// name, or the one that the file's name starts with.
+    /// Prefix for an image file: the only prefix, or the prefix whose recorded image has the file's
+    /// name, or the prefix with which the file's name starts.
     ///
     /// # Errors
     /// [`ModelError::File`], listing the available prefixes, if none or several match.
@@ -131,7 +133,8 @@ impl Recording {
     /// Reads a stage.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`] if the stage is missing, [`ModelError::File`] if its parts are inconsistent.
+    /// [`ModelError::Checkpoint`] if the stage is missing, [`ModelError::File`] if the stage's
+    /// parts are inconsistent.
     pub fn stage(&self, prefix: &str, stage: &str) -> Result<RecordedStage, ModelError> {
         let key = format!("{prefix}/{stage}");
         let bad = |what: &str| self.error(format!("stage {key}: {what}"));

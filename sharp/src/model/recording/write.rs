@@ -16,7 +16,8 @@ use crate::model::predictor::{Planes, Predictor};
 pub struct RecordOptions {
     /// Prefix of the stages, which identifies the image.
     pub prefix: String,
-    /// Stages with at most this many values are written completely, larger ones at 512 positions.
+    /// Stages with at most this many values are written completely, larger stages only at 512
+    /// positions.
     pub whole_up_to: usize,
     /// Additional metadata for the file's header, such as the checkpoint's hash.
     pub metadata: BTreeMap<String, String>,
@@ -112,7 +113,8 @@ impl StageObserver for Recorder<'_> {
     }
 }
 
-/// Positions at which a stage of `count` values is sampled; they depend only on its name.
+/// Positions at which a stage of `count` values is sampled; the same for all stages of this name
+/// and size.
 fn sample_indices(stage: &str, count: usize) -> Vec<usize> {
     let start = fnv1a64(&["idx:", stage]);
     (0..SAMPLES as u64)

@@ -173,8 +173,8 @@ fn shares_11_10_11(packed: u32) -> [f64; 3] {
     ]
 }
 
-/// Decodes a quaternion. The two highest bits identify the largest of w, x, y, z, which is positive; the other
-/// components follow.
+/// Decodes a quaternion. The two highest bits identify the largest of w, x, y, z, which is
+/// positive; the other three components follow in order.
 fn rotation_of(packed: u32) -> [f32; 4] {
     let largest = (packed >> 30) as usize;
     let mut quaternion = [0.0_f64; 4];
@@ -189,7 +189,7 @@ fn rotation_of(packed: u32) -> [f32; 4] {
 }
 
 /// Unit quaternion with component `largest` recomputed as the positive value that normalises it;
-/// the others are kept.
+/// the other components are kept.
 pub(crate) fn completed(mut quaternion: [f64; 4], largest: usize) -> [f32; 4] {
     quaternion[largest] = 0.0;
     let sum: f64 = quaternion.iter().map(|v| v * v).sum();
@@ -197,7 +197,7 @@ pub(crate) fn completed(mut quaternion: [f64; 4], largest: usize) -> [f32; 4] {
     quaternion.map(|v| v as f32)
 }
 
-/// Maps a byte to −4..4. The ends are exact; other bytes map to the centre of their step.
+/// Maps a byte to −4..4. The ends are exact; other bytes map to the centres of their intervals.
 fn coefficient_of(byte: u8) -> f32 {
     let share = match byte {
         0 => 0.0,

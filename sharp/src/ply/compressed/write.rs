@@ -127,8 +127,8 @@ fn packed_rotation(quaternion: [f32; 4]) -> u32 {
     packed
 }
 
-/// Normalised quaternion with its largest component positive, and that component's index. A zero quaternion gives the
-/// identity.
+/// Normalised quaternion with a positive largest component, and the index of that component. A zero
+/// quaternion gives the identity.
 pub(crate) fn unit_quaternion(quaternion: [f32; 4]) -> ([f64; 4], usize) {
     let wide = quaternion.map(f64::from);
     let norm = wide.iter().map(|v| v * v).sum::<f64>().sqrt();

@@ -33,7 +33,7 @@ pub struct PictureGradient<'a> {
     pub depth_acc: &'a [f32],
 }
 
-/// Gradient of a loss with respect to one Gaussian; zero if it was not drawn.
+/// Gradient of a loss with respect to one Gaussian; zero if the Gaussian was not drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GaussianGradient {
     pub mean: [f32; 3],
@@ -58,7 +58,7 @@ impl PictureGradient<'_> {
         self.alpha.len() / self.width.max(1)
     }
 
-    /// Gradient at the 4×4 pixels whose first one is `[x, y]`.
+    /// Gradient at the 4×4 pixels whose first pixel is `[x, y]`.
     fn block(&self, [x, y]: [usize; 2]) -> Upstream<f32> {
         let mut out = [[0.0; 16]; 5];
         let (columns, rows) = (self.width - x, self.height() - y);
@@ -100,11 +100,11 @@ impl PictureGradient<'_> {
 type BinSums = Vec<(u32, SplatSums)>;
 
 impl CpuRenderer {
-    /// Gradient of a loss with respect to the scene, given its gradient with respect to the picture that
-    /// [`render`](super::Renderer::render) returns for the same scene and view.
+    /// Gradient of a loss with respect to the scene, given the loss's gradient with respect to the
+    /// picture that [`render`](super::Renderer::render) returns for the same scene and view.
     ///
-    /// The gradient is zero for non-finite Gaussians and those that the forward pass dropped. Results are bit-identical
-    /// for any number of threads.
+    /// The gradient is zero for non-finite Gaussians and for Gaussians that the forward pass
+    /// dropped. Results are bit-identical for any number of threads.
     ///
     /// # Errors
     /// As for rendering; [`RenderError::View`] also if the gradient's size differs from the picture's, or if the rule
@@ -150,7 +150,7 @@ impl CpuRenderer {
                     sums
                 })
                 .collect();
-            // In bin order, regardless of which thread computed them.
+            // Adds sums in the order of bins, regardless of which thread computed them.
             for (index, sums) in sums.iter().flatten() {
                 totals[*index as usize].add(sums);
             }
@@ -244,7 +244,7 @@ fn through_projection(
     let constants = ViewConstants::new(view);
     let one = |(k, sums): (usize, &SplatSums<f64>)| {
         let mut out = GaussianGradient::default();
-        // Includes dropped Gaussians, whose splat is meaningless.
+        // Also true for dropped Gaussians, whose splat is meaningless.
         if *sums == SplatSums::default() {
             return out;
         }

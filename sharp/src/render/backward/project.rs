@@ -24,7 +24,7 @@ pub(super) struct Projection {
     rows: [Vec3; 2],
     u: Vec3,
     v: Vec3,
-    /// u × v: its squared length is the determinant, without the cancellation of uu·vv − uv².
+    /// u × v, whose squared length is the determinant, without the cancellation of uu·vv − uv².
     normal: Vec3,
 }
 
@@ -115,7 +115,7 @@ impl Projection {
     /// Applies the chain rule from the screen to mean, quaternion and scales.
     pub(super) fn pull(&self, k: &ViewConstants, of: &ScreenGradient) -> ShapeGradient {
         let (mut of_covariance, mut of_square) = ([0.0; 3], 0.0);
-        // A covariance without area is not drawn, so its factor has no gradient.
+        // A Gaussian whose covariance has no area is not drawn, so its factor has no gradient.
         if of.factor != [0.0; 3] {
             (of_covariance, of_square) = self.pull_factor(k.eps2d, of.factor);
         }

@@ -31,8 +31,8 @@ pub(super) struct SplatSums<S = f32> {
     pub(super) factor: [S; 3],
 }
 
-/// Members that contribute to some pixel of a block, each with its α (0 in pixels without contribution) and the
-/// transmittance T in front of it. The memory is reused between blocks.
+/// Splats that contribute to some pixel of a block, each with its α (0 in pixels to which it does
+/// not contribute) and the transmittance T in front of it. The memory is reused between blocks.
 pub(super) type Steps<S = f32> = Vec<(u32, [S; 16], [S; 16])>;
 
 /// Gradient of a picture at the pixels of a block: red, green, blue, alpha, depth; 0 outside the image.

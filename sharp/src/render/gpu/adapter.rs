@@ -18,7 +18,7 @@ pub enum AdapterKind {
     Integrated,
     /// A partition of a GPU, assigned to a virtual machine.
     Virtual,
-    /// Not reported by the driver.
+    /// The driver does not report the kind.
     Other,
     /// A software renderer: lavapipe, WARP, SwiftShader. Many times slower than
     /// [`CpuRenderer`](super::super::CpuRenderer), and therefore only selected by name.

@@ -61,7 +61,8 @@ impl Gpu {
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: None })
     }
 
-    /// Dispatches at least `groups` workgroups, over two axes if one cannot hold them.
+    /// Dispatches at least `groups` workgroups, along two axes if one axis cannot hold
+    /// them.
     pub(super) fn run(
         &self,
         encoder: &mut CommandEncoder,
@@ -85,7 +86,7 @@ impl Gpu {
             .iter()
             .enumerate()
             .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                // Only a few bindings, so this cannot overflow.
+                // There are only a few bindings, so this cannot overflow.
                 binding: binding as u32,
                 resource: buffer.as_entire_binding(),
             })

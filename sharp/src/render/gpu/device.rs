@@ -5,11 +5,12 @@ use super::GpuAdapter;
 use super::memory::{GpuBuffer, Memory};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// Maximum size in bytes of a sub-frame's largest binding, even if the adapter allows more. It limits device memory to
-/// about half a gigabyte for a picture of any size.
+/// Maximum size in bytes of a sub-frame's largest binding, even if the adapter allows more. This
+/// limits device memory to about half a gigabyte for a picture of any size.
 const WINDOW: u64 = 128 << 20;
 
-/// A device and its queue. wgpu reports errors by callback; [`Self::check`] returns the most severe one.
+/// A device and its queue. wgpu reports errors by callback; [`Self::check`] returns the most severe
+/// error.
 pub(super) struct Gpu {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
@@ -68,7 +69,8 @@ impl Gpu {
             let fault = Arc::clone(&fault);
             move |found: DeviceFault| {
                 let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
-                // Keeps the first error of the most severe kind: later ones are usually consequences of it.
+                // Keeps the first error of the most severe kind, because later errors are usually
+                // its consequences.
                 if fault.as_ref().is_none_or(|known| {
                     std::mem::discriminant(known) != std::mem::discriminant(&found)
                         && *known < found
@@ -109,7 +111,7 @@ impl Gpu {
         }
     }
 
-    /// Error for a failed call: the one reported by a callback if there is one, else `what`.
+    /// Error for a failed call: the error that a callback reported, if any, else `what`.
     fn error(&self, what: &dyn std::error::Error) -> RenderError {
         let said = DeviceFault::Other(what.to_string()).at(&self.adapter);
         self.check().err().unwrap_or(said)
@@ -119,8 +121,9 @@ impl Gpu {
         DeviceFault::Memory(what).at(&self.adapter)
     }
 
-    /// Submits the commands, waits, and reads back staging buffers. `staged` lists each buffer with the number of bytes
-    /// to read from its start; `read` receives its index in this list and these bytes.
+    /// Submits the commands, waits, and reads back staging buffers. `staged` lists each buffer with
+    /// the number of bytes to read from its start; `read` receives each buffer's index in `staged`
+    /// and its bytes.
     pub(super) fn finish(
         &self,
         encoder: wgpu::CommandEncoder,
@@ -132,7 +135,7 @@ impl Gpu {
         for (buffer, bytes) in staged {
             let sender = sender.clone();
             buffer.map_async(wgpu::MapMode::Read, ..*bytes, move |result| {
-                // The receiver outlives the wait below.
+                // Sending cannot fail, because the receiver outlives the wait below.
                 let _ = sender.send(result);
             });
         }

@@ -74,8 +74,9 @@ pub(super) struct Frame<'a> {
     pub(super) view: &'a RenderView,
     /// Whether the pixels are copied to the host.
     pub(super) copied: bool,
-    /// Side of a tile in pixels: a power of two of at least [`MIN_TILE`]. If the rule limits the support to tiles, a
-    /// tile is no larger than the rule's, because a list applies to all pixels of its tile.
+    /// Side of a tile in pixels: a power of two of at least [`MIN_TILE`]. If the rule limits the
+    /// support to tiles, tiles are no larger than the rule's tiles, because a list applies to all
+    /// pixels of a tile.
     pub(super) tile: u32,
 }
 
@@ -109,7 +110,7 @@ impl Frame<'_> {
             if count > most.min(u64::from(u32::MAX)) {
                 waiting.extend(halves.ok_or_else(|| self.no_tile(part))?);
             } else if count > 0 {
-                // Fits, by the comparison above.
+                // The cast fits, because the comparison above limits `count` to 32 bits.
                 let lists = (order, colors);
                 self.draw(lists, (part, count as u32), work, &mut out)?;
             }
@@ -126,8 +127,9 @@ impl Frame<'_> {
         ))
     }
 
-    /// Projects and sorts by depth, and fills in the counts. Returns the half of the buffers that contains the order,
-    /// and the colours if they differ from the scene's.
+    /// Projects the Gaussians, sorts them by depth, and fills in the counts of `out`. Returns the
+    /// half of the buffers that contains the order, and the colours if they differ from the
+    /// scene's.
     fn begin(&self, out: &mut RenderOutput) -> Result<(usize, Option<GpuBuffer>), RenderError> {
         let Self {
             gpu, passes, scene, ..
@@ -204,9 +206,9 @@ impl Frame<'_> {
 
     /// Writes the start of each Gaussian's pairs to `scene.places`, and returns the total number of pairs.
     ///
-    /// The sum of a scan block cannot wrap: its 1024 Gaussians have at most one pair per tile, and a sub-frame has
-    /// fewer than 2²² tiles, because its pixels fit in one binding. The starts can wrap if the total exceeds 32 bits;
-    /// such a sub-frame is split, not drawn.
+    /// The sum of a scan block cannot wrap: its 1024 Gaussians have at most one pair per tile, and
+    /// a sub-frame has fewer than 2²² tiles, because the pixels of a sub-frame fit in one binding.
+    /// The starts can wrap if the total exceeds 32 bits; such a sub-frame is split, not drawn.
     pub(super) fn count_pairs(
         &self,
         order: &GpuBuffer,

@@ -8,7 +8,8 @@ use super::subframe::SubFrame;
 use crate::gaussians::Harmonics;
 use bytemuck::{Pod, Zeroable};
 
-/// Defines a struct with the layout that the shaders expect. `TWIN` is its name in WGSL; `FIELDS` is for the test.
+/// Defines a struct with the layout that the shaders expect. `TWIN` is the struct's name in WGSL;
+/// `FIELDS` is for the test.
 macro_rules! shared {
     ($(#[$doc:meta])* $name:ident = $twin:literal { $($field:ident: $kind:ty),* $(,)? }) => {
         $(#[$doc])*
@@ -77,7 +78,7 @@ impl ViewUniform {
             zero: 0,
             compensation: view.compensation.code(),
             tiled: u32::from(view.support == Support::Tiles),
-            // At most 4 and 24.
+            // The casts fit: the degree is at most 4, the number of stored coefficients at most 24.
             degree: degree as u32,
             stored: stored as u32,
             padding: 0,

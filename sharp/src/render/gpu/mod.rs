@@ -34,8 +34,8 @@ use scene::GpuScene;
 
 /// Renders on a GPU. Reuses its buffers between frames.
 ///
-/// Differs from the CPU only by rounding: for the same depth order, colour and alpha agree to about 1e-5. If a
-/// threshold decides differently, a pixel changes by at most 1/255.
+/// Differs from the CPU only by rounding: for the same depth order, colour and alpha agree to about
+/// 1e-5. Where rounding changes the outcome of a threshold, a pixel changes by at most 1/255.
 pub struct GpuRenderer {
     gpu: Gpu,
     passes: Passes,
@@ -68,7 +68,7 @@ impl GpuRenderer {
         self
     }
 
-    /// Sets a tile size other than 8×8, the minimum on a GPU.
+    /// Sets the tile size; the default is 8×8 pixels, the minimum on a GPU.
     #[must_use]
     pub fn with_tile_size(self, tile: TileSize) -> Self {
         Self {
@@ -77,7 +77,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Peak total size of this renderer's device buffers in bytes, including those mapped by the host.
+    /// including those mapped => including buffers mapped
     pub fn peak_bytes(&self) -> u64 {
         self.gpu.memory.peak()
     }
@@ -89,7 +89,7 @@ impl Renderer for GpuRenderer {
     }
 
     /// # Errors
-    /// After a device fault the renderer is unusable; open another one.
+    /// As for [`Renderer::load`]. After a device fault, the renderer is unusable; open a new one.
     fn load<'a>(
         &'a mut self,
         scene: &'a Gaussians,
@@ -102,7 +102,7 @@ impl Renderer for GpuRenderer {
     }
 }
 
-/// A scene on the device.
+/// A scene uploaded to the device.
 struct Uploaded<'a> {
     on_device: GpuScene,
     renderer: &'a mut GpuRenderer,

@@ -49,7 +49,7 @@ impl GpuScene {
             .collect();
         let colors: Vec<[f32; 4]> = scene.colors.iter().map(|c| wide(*c, 0.0)).collect();
         let uploaded = Self {
-            // Already checked against u32::MAX with the rest of the scene.
+            // The count was already checked against u32::MAX with the rest of the scene.
             count: n as u32,
             means_opacities: gpu.filled("means", &means),
             quaternions: gpu.filled("quaternions", &scene.quaternions),

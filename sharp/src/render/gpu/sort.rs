@@ -45,8 +45,9 @@ impl Scan {
         self.join(gpu, passes, encoder, (0, data), count);
     }
 
-    /// Like [`Self::scan`], but also copies the sums of the blocks to the host; returns a staging buffer and its length
-    /// in bytes. The total of these sums, unlike the last prefix sum, need not fit in 32 bits.
+    /// Like [`Self::scan`], but also copies the sums of the blocks to the host; returns a staging
+    /// buffer and its length in bytes. The total of the block sums, unlike the last prefix sum,
+    /// need not fit in 32 bits.
     pub(super) fn scan_and_stage(
         &self,
         gpu: &Gpu,
@@ -77,7 +78,7 @@ impl Scan {
         gpu.run(encoder, &passes.scan_blocks, &buffers, groups);
     }
 
-    /// Adds to each block the sums of the preceding ones.
+    /// Adds the sums of all preceding blocks to each block.
     fn join(
         &self,
         gpu: &Gpu,

@@ -1,8 +1,9 @@
 //! Sixteen f32 lanes on three instruction sets, chosen at run time.
 //!
-//! All of them perform the same IEEE operations in the same order (fused where the code uses `mul_add`), and so give
-//! the same bits. The portable one is meant for processors whose baseline has a fused multiply-add (every 64-bit ARM);
-//! on x86 it is a slow fallback for processors older than AVX2.
+//! All three perform the same IEEE operations in the same order (fused where the code uses
+//! `mul_add`), and so give the same bits. The portable implementation is meant for processors whose
+//! baseline has a fused multiply-add (every 64-bit ARM); on x86 it is a slow fallback for
+//! processors older than AVX2.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;

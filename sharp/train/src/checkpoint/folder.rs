@@ -45,10 +45,7 @@ impl CheckpointFolder {
         Ok(found)
     }
 
-    /// Writes a state, then removes all but the latest `kept`.
-    ///
-    /// # Errors
-    /// [`StateError::File`] if a file cannot be written or removed.
+    /// Writes a state, then removes all states but the latest `kept`.
     pub fn save(
         &self,
         state: &TrainingState,

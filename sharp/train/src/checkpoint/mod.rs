@@ -65,7 +65,7 @@ pub enum StateError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
     F32,
-    /// Rounded to the nearest value.
+    /// Half precision, rounded to the nearest value.
     F16,
 }
 
@@ -82,7 +82,8 @@ impl TrainingState {
     /// are zero.
     ///
     /// # Errors
-    /// Any error of `source`; [`ModelError::Weights`] if it returns the wrong number of values.
+    /// Any error of `source`; [`ModelError::Weights`] if `source` returns the wrong number of
+    /// values.
     pub fn new(
         inventory: &[Parameter],
         parts: &TrainedParts,
@@ -121,7 +122,7 @@ impl TrainingState {
         weights.try_for_each(|weights| check_values(path, VALUES, &weights.name, &weights.values))
     }
 
-    /// Moves to the start of a stage and resets the optimiser: its moments become zero.
+    /// Moves to the start of a stage and resets the optimiser's moments to zero.
     pub fn begin(&mut self, stage: Stage) {
         self.position = Position { stage, step: 0 };
         for weights in &mut self.weights {

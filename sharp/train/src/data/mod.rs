@@ -30,11 +30,11 @@ pub use prefetch::Prefetcher;
 pub use procedural::{ProceduralSamples, TrainingWorlds, shares_training_seeds};
 pub use view::TrainingView;
 
-/// Two views of a scene. The network receives the source's picture; its Gaussians are compared with
-/// both views.
+/// Two views of a scene. The network receives the source's picture; the predicted Gaussians are
+/// compared with both views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
-    /// `SCENE/SOURCE__TARGET`.
+    /// Id, `SCENE/SOURCE__TARGET`.
     pub id: String,
     pub source: TrainingView,
     pub target: TrainingView,
@@ -43,7 +43,7 @@ pub struct Sample {
 /// A picture without depth or other views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Photograph {
-    /// `SCENE/VIEW`, or the file's name.
+    /// Id: `SCENE/VIEW`, or the file's name.
     pub id: String,
     /// Picture, sRGB-encoded.
     pub image: RgbImage,

@@ -18,7 +18,8 @@ const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
 /// Pictures below a folder: the path relative to it, with `/` as the separator, and the file.
 type Pictures = Vec<(String, PathBuf)>;
 
-/// PNG and JPEG files of a folder and its subfolders. Photograph k is a random one of them.
+/// PNG and JPEG files of a folder and its subfolders. Photograph k is drawn from these files at
+/// random.
 #[derive(Debug, Clone)]
 pub struct FolderPhotographs {
     seed: u64,
@@ -75,8 +76,8 @@ impl FolderPhotographs {
     /// in pixels.
     ///
     /// # Errors
-    /// [`DataError::Dataset`] if the folder cannot be read; [`DataError::NoPicture`] if it has no pictures;
-    /// [`DataError::Unsplit`] if nothing would be held out.
+    /// [`DataError::Dataset`] if the folder cannot be read; [`DataError::NoPicture`] if the folder
+    /// has no pictures; [`DataError::Unsplit`] if nothing would be held out.
     pub fn open(
         folder: &Path,
         held_out: Option<usize>,
@@ -99,8 +100,8 @@ impl FolderPhotographs {
         }
     }
 
-    /// Reads a file and turns it upright. The focal length is the one that the file states, or 30 mm (35 mm equivalent)
-    /// if it states none.
+    /// Reads a file and turns it upright. The focal length is the file's, or 30 mm (35 mm
+    /// equivalent) if the file states none.
     fn read(&self, id: &str, path: &Path) -> Result<Photograph, DataError> {
         let photo = load_photo(path, &PhotoOptions::default())?;
         let (width, height) = (photo.width as u32, photo.height as u32);
@@ -141,7 +142,8 @@ pub struct ProceduralPhotographs {
     worlds: TrainingWorlds,
 }
 
-/// Combined with the seed, so that the photographs show other scenes than those of a first stage with the same seed.
+/// Combined with the seed, so that the photographs show scenes other than those of a first stage
+/// with the same seed.
 const PHOTOGRAPH_SEED: u64 = 0x5048_4f54;
 
 impl ProceduralPhotographs {

@@ -106,7 +106,7 @@ impl PosedSamples {
     }
 }
 
-/// True if the view has depth: a depth file, or it is procedural rather than read from files.
+/// True if the view has a depth file or is procedural.
 fn has_depth(view: &View) -> bool {
     let mut files = view.content.files_by_role().into_iter();
     view.content.image_file().is_none() || files.any(|(role, _)| role == FileRole::Depth)

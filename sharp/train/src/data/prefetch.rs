@@ -10,14 +10,15 @@ use super::{DataError, Source};
 /// current sample.
 #[derive(Debug)]
 pub struct Prefetcher<T> {
-    /// `None` only while being dropped.
+    /// Receives the samples; `None` only while the prefetcher is being dropped.
     made: Option<Receiver<Result<T, DataError>>>,
     maker: Option<JoinHandle<()>>,
 }
 
 impl<T: Send + 'static> Prefetcher<T> {
-    /// Starts to prepare samples, beginning with `first`. Up to `ahead` samples (at least 1) are buffered. The source
-    /// runs on a single thread, even if it could use several, so that the other threads are free for training.
+    /// Starts to prepare samples, beginning with `first`. Up to `ahead` samples (at least 1) are
+    /// buffered. The source runs on a single thread, so that all other threads are free for
+    /// training.
     ///
     /// # Errors
     /// [`DataError::Start`] if the thread cannot be started.
@@ -44,7 +45,7 @@ impl<T: Send + 'static> Prefetcher<T> {
     /// Waits for the next sample. After an error, the next call returns the sample that follows.
     ///
     /// # Errors
-    /// Any error of the source; [`DataError::Stopped`] if it panicked.
+    /// Any error of the source; [`DataError::Stopped`] if the source panicked.
     pub fn fetch(&mut self) -> Result<T, DataError> {
         let made = self.made.as_ref();
         made.and_then(|made| made.recv().ok())

@@ -11,10 +11,10 @@ use super::{DataError, Sample, Source, draws};
 
 /// Pairs of views of varied procedural scenes.
 ///
-/// Sample k uses a random training seed. With probability one half, the source is the central one
-/// of eleven cameras, otherwise any of them. The target is any other camera. (The paper renders
-/// eleven views per scene without stating which are paired; this gives both interpretations equal
-/// weight.) Only these two views are rendered.
+/// Sample k uses a random training seed. With probability one half, the source is the central
+/// camera of eleven, otherwise any of the eleven. The target is any other camera. (The paper
+/// renders eleven views per scene without stating which are paired; this gives both interpretations
+/// equal weight.) Only these two views are rendered.
 #[derive(Debug, Clone)]
 pub struct ProceduralSamples {
     seed: u64,

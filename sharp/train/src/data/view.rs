@@ -23,13 +23,13 @@ pub struct TrainingView {
 }
 
 impl TrainingView {
-    /// Reads a view and resizes it: pictures with OpenCV's area kernel, depth by the nearest pixel. The aspect ratio
-    /// may change, as for the network's input. A resized pixel is excluded if any of the pixels that it is computed
-    /// from is excluded.
+    /// Reads a view and resizes it: pictures with OpenCV's area kernel, depth by the nearest pixel.
+    /// The aspect ratio may change, as for the network's input. A resized pixel is excluded if it
+    /// is computed from any excluded pixel.
     ///
     /// # Errors
-    /// [`DataError::Dataset`] if the view cannot be read; [`DataError::NoDepth`] if it has no depth;
-    /// [`DataError::Picture`] for an empty size.
+    /// [`DataError::Dataset`] if the view cannot be read; [`DataError::NoDepth`] if the view has no
+    /// depth; [`DataError::Picture`] for an empty size.
     pub(super) fn read(view: &View, size: (u32, u32)) -> Result<Self, DataError> {
         let file = view.content.image_file();
         let depth = view.content.depth()?;

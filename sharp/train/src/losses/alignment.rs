@@ -3,10 +3,10 @@
 use super::map::Grid;
 use super::{Loss, LossOptions, ScalePooling, sign, sum_over};
 
-/// Number of levels of ∇scale: reduced by factors of 2 to 64.
+/// Number of levels of ∇scale; level k, from 1, reduces the map by a factor of 2^k.
 const LEVELS: i32 = 6;
 
-/// E_p |S − 1|.
+/// E_p |S − 1|, the mean over all pixels of the `scale` map S; gradient with respect to S.
 pub fn scale(scale: &[f32]) -> Loss<f32> {
     let share = 1.0 / scale.len().max(1) as f64;
     sum_over(scale.len(), |p| {
@@ -43,7 +43,8 @@ pub fn scale_gradient(scale: &[f32], width: usize, options: &LossOptions) -> Los
         finer = grid;
     }
     let value = levels.iter().map(|(_, level)| level.value).sum();
-    // The loop visits the coarsest level first. This is the gradient accumulated so far, at the next coarser level.
+    // The loop visits the coarsest level first; `coarser` is the gradient accumulated so far, at
+    // the next coarser level.
     let mut coarser: Option<(Grid, Vec<f64>)> = None;
     for (grid, mut level) in levels.into_iter().rev() {
         if let Some((above, of)) = &coarser {

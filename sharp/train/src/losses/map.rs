@@ -24,14 +24,15 @@ impl Grid {
         }
     }
 
-    /// Per axis: the position of a value within its layer, the step to its neighbours, and the side.
+    /// For x and y: the index along this axis within the layer, the distance to the next value
+    /// along the axis in memory, and the axis's length.
     fn axes(&self, index: usize) -> [(usize, usize, usize); 2] {
         let (x, y) = (index % self.width, index / self.width % self.height);
         [(x, 1, self.width), (y, self.width, self.height)]
     }
 
-    /// The difference stencil of the pixel at `at` along a side: distance to the previous neighbour, distance to the
-    /// next one, and the factor of their difference.
+    /// The difference stencil of the pixel at `at` along a side: distance to the previous
+    /// neighbour, distance to the next neighbour, and the factor of the two neighbours' difference.
     fn reach(&self, at: usize, side: usize) -> (usize, usize, f64) {
         let on = usize::from(at + 1 < side);
         match self.difference {
@@ -40,7 +41,7 @@ impl Grid {
         }
     }
 
-    /// ∂x and ∂y at one index.
+    /// ∂x and ∂y of a map at one index.
     pub(super) fn at(&self, map: impl Fn(usize) -> f64, index: usize) -> [f64; 2] {
         self.axes(index).map(|(at, step, side)| {
             let (back, on, factor) = self.reach(at, side);
@@ -53,8 +54,7 @@ impl Grid {
     pub(super) fn pull(&self, of: impl Fn(usize) -> [f64; 2], index: usize) -> f64 {
         let mut sum = 0.0;
         for (axis, (at, step, side)) in self.axes(index).into_iter().enumerate() {
-            // Visit this pixel and its two neighbours, as far as their differences involve this
-            // pixel.
+            // Visit this pixel and its two neighbours, if their differences depend on this pixel.
             for from in at.saturating_sub(1)..side.min(at + 2) {
                 let (back, on, factor) = self.reach(from, side);
                 let sign = f64::from(i8::from(from + on == at) - i8::from(from - back == at));

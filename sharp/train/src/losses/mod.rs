@@ -37,14 +37,14 @@ use rayon::prelude::*;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loss<G> {
     pub value: f64,
-    /// One element per element of the argument.
+    /// Gradient, one element per element of the argument.
     pub gradient: Vec<G>,
 }
 
 /// Elements per task. A constant, so that results do not depend on the number of threads.
 const CHUNK: usize = 8192;
 
-/// Sums over `0..count`: each index returns its value and its element of the gradient.
+/// Sums over `0..count`; `each(index)` returns the index's summand and its element of the gradient.
 fn sum_over<G: Clone + Default + Send>(
     count: usize,
     each: impl Fn(usize) -> (f64, G) + Sync,

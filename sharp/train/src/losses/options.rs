@@ -31,7 +31,7 @@ pub struct LossWeights {
     pub delta: f64,
     pub splat: f64,
     pub scale: f64,
-    /// Weight of ∇scale.
+    /// Weight of the loss ∇scale.
     pub scale_gradient: f64,
 }
 
@@ -100,16 +100,18 @@ fn is_weight(value: f64) -> bool {
     value >= 0.0 && value.is_finite()
 }
 
-/// Choices that the paper leaves open. The options about views are applied by the caller that sums the losses; all
-/// others by the losses themselves.
+/// Choices that the paper leaves open. The caller that sums the losses applies the options about
+/// views; the losses apply all other options.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LossOptions {
     /// Reduction over the channels of a pixel in `color`.
     pub color_channels: Channels,
-    /// Views of `alpha`: the equation sums both views, the text mentions the input view.
+    /// Views on which `alpha` is computed: the paper's equation sums both views, its text mentions
+    /// the input view.
     pub alpha_views: AlphaViews,
-    /// Lower limit (0..1) of alpha before its logarithm is taken. The gradient is zero where alpha is lower.
+    /// Lower limit (0..1) of alpha before its logarithm is taken. The gradient is zero where alpha
+    /// is below this limit.
     pub alpha_floor: f64,
     /// Units of inverse depth in `depth`.
     pub depth_units: InverseDepthUnits,
@@ -121,7 +123,7 @@ pub struct LossOptions {
     pub grad_stops_at_depth: bool,
     /// Where `grad` measures edges of depth.
     pub grad_at: GradAt,
-    /// Differences of `grad`.
+    /// Finite differences that `grad` uses.
     pub grad_difference: Difference,
     /// Norm |∇| of `grad`.
     pub grad_norm: GradientNorm,
@@ -139,7 +141,7 @@ pub struct LossOptions {
     pub scale_norm: GradientNorm,
     /// True if ∇scale measures differences per pixel of the full map, i.e. divides level k by 2^k.
     pub scale_per_full_pixel: bool,
-    /// Added to both diagonal entries of a projected covariance when pictures are rendered, px².
+    /// Variance in px² that rendering adds to both diagonal entries of a projected covariance.
     pub low_pass: f32,
     pub percep: PerceptualOptions,
 }
@@ -279,7 +281,7 @@ pub enum Difference {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SplatVariance {
-    /// Each of the two eigenvalues; their losses are added.
+    /// Each of the two eigenvalues is bounded; the two losses are added.
     Eigenvalues,
     /// The mean of the two eigenvalues.
     Mean,

@@ -108,8 +108,8 @@ fn at_edges(opacity: &[f32], edge: impl Fn(usize) -> f64 + Sync) -> Loss<f32> {
 /// ([`GradAt::Projected`](super::GradAt)). A base Gaussian projects to the middle of the square of pixels that it
 /// represents, so its ∇ is the mean over those pixels.
 ///
-/// `depth`, in metres, has rows of `side` pixels, `[layers, side, side]`, and so has its gradient; `opacity` is
-/// `[layers, columns, columns]`.
+/// `depth`, in metres, and its gradient are `[layers, side, side]`; `opacity` is `[layers, columns,
+/// columns]`.
 ///
 /// # Panics
 /// If `side` is not a multiple of `columns`, or lengths disagree.

@@ -194,7 +194,7 @@ impl Perceptual {
         let picture = Var::from_tensor(&input(predicted)?)?;
         let (mut x, mut y) = (picture.as_tensor().clone(), input(target)?);
         let mut value = 0.0;
-        // The features at the end of each group, with the gradient with respect to them.
+        // For each group, the features at its end with the gradient with respect to them.
         let mut pulled = Vec::new();
         for layers in &self.network.groups {
             for layer in layers {

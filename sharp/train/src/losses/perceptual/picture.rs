@@ -69,7 +69,8 @@ pub(super) fn denormalized(gradient: &[f32], mask: Option<&[bool]>) -> Vec<[f32;
     pixels.iter().enumerate().map(pixel).collect()
 }
 
-/// Resizes a mask to a layer: for each of the layer's pixels, the fraction of kept pixels in its area.
+/// Resizes a mask to a layer: for each pixel of the layer, the fraction of kept pixels in the area
+/// that it covers.
 pub(super) fn shrunk(mask: &[bool], from: [usize; 2], to: [usize; 2]) -> Vec<f32> {
     let covers = |axis: usize, i: usize| {
         let start = i * from[axis] / to[axis];
