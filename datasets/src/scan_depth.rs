@@ -48,7 +48,7 @@ impl ScanCache {
 pub(crate) struct ScanFile {
     pub(crate) file: PathBuf,
     pub(crate) cache: ScanCache,
-    /// do not use it => ignore this radius
+    /// Points mark all pixels within this distance, in pixels. Triangles are filled and ignore this radius.
     pub(crate) splat_radius: u32,
 }
 

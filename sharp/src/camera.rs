@@ -185,7 +185,11 @@ impl RigidTransform {
     /// scaled matrix deviates by far more.
     pub const ORTHONORMALITY_TOLERANCE: f64 = 1e-2;
 
-    /// onto the nearest one => onto the nearest rotation
+    /// Creates a pose from a 3×3 matrix that is approximately a rotation, by projecting it onto the nearest rotation.
+    ///
+    /// # Errors
+    /// [`CameraError::NotFinite`] for values that are not finite; [`CameraError::NotRigid`] if the matrix deviates from
+    /// orthonormal by more than [`Self::ORTHONORMALITY_TOLERANCE`] or mirrors space.
     pub fn new(rotation: DMat3, translation: DVec3) -> Result<Self, CameraError> {
         if !rotation.is_finite() || !translation.is_finite() {
             return Err(CameraError::NotFinite { what: "pose" });

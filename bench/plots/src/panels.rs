@@ -40,7 +40,7 @@ const ROOM: f64 = 0.8;
 const PRINT_ROOM: f64 = 0.96;
 /// Preferred minimum panel width in print.
 const NARROWEST: f64 = 170.0;
-/// below it the numbers => below this width, the numbers
+/// Minimum panel width; below this width, the numbers of an axis overlap.
 const MIN_WIDTH: f64 = 130.0;
 /// Height of the strip of sample counts.
 const COUNT_STRIP: f64 = 30.0;

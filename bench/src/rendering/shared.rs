@@ -73,7 +73,8 @@ impl SharedRenderer {
         &self.name
     }
 
-    /// uses SHARP's with => uses SHARP's rule with
+    /// Renders a scene from a camera; `camera_from_scene` may be any affine map. Without a `rule`, uses SHARP's rule
+    /// with this renderer's low-pass.
     pub fn render(
         &self,
         scene: &Gaussians,

@@ -47,7 +47,7 @@ impl GroundTruth {
         &self.image
     }
 
-    /// excludes none => excludes no pixels
+    /// The pixels that count; `None` if the dataset excludes no pixels.
     pub(crate) fn valid(&self) -> Option<&Mask> {
         self.valid.as_ref()
     }

@@ -57,7 +57,7 @@ pub(super) fn landed(all: &[Explained]) -> usize {
     all.iter().map(Explained::landed).sum()
 }
 
-/// if too few do => if too few samples land
+/// Mean loss of the samples that land; 1, the maximum, if too few samples land.
 pub(super) fn mean_loss(all: &[Explained]) -> f64 {
     let samples: usize = all.iter().map(|one| one.samples).sum();
     let landed = landed(all);

@@ -372,7 +372,8 @@ impl Explained {
         self.met > 0
     }
 
-    /// if too few do => if too few samples land there
+    /// Fraction of agreeing depths among the samples that land on a pixel with depth; `None` if too few samples land
+    /// there.
     pub(super) fn agreeing_where_met(&self) -> Option<f64> {
         let enough = self.met > 0 && self.met as f64 >= ENOUGH * self.samples as f64;
         enough.then(|| self.agreeing as f64 / self.met as f64)

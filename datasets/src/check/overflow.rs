@@ -9,7 +9,8 @@ use crate::view::evenly_spaced;
 const WRAP: f64 = 65536.0;
 /// Adjacent values may be an overflow if they differ by more than this.
 const MIN_JUMP: f64 = WRAP / 2.0;
-/// from those before it => from the values before it
+/// A surface continues across a jump if restoring the lost bit brings the value after the jump to within about this
+/// relative difference of the value extrapolated from the values before it.
 const NEAR: f64 = 0.01;
 /// A map overflowed only if the surface continues across at least this many jumps.
 const MIN_SEAMS: usize = 16;

@@ -28,7 +28,8 @@ const MAX_ZOOM: f64 = 1.6;
 /// A registration is accepted only if it reduces colour differences to at most this fraction. Only
 /// colours show that a depth map is misplaced.
 const MAX_LEFT: f64 = 0.9;
-/// of those between => of the differences between
+/// A registration is accepted only if the remaining colour differences are at most this fraction of the differences
+/// between unrelated places.
 const MAX_UNEXPLAINED: f64 = 0.75;
 
 const fn with(depth_at: Registration) -> Reading {

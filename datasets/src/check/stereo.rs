@@ -143,7 +143,7 @@ fn median_depth(view: &SmallView) -> Option<f64> {
     depths.get(depths.len() / 2).copied()
 }
 
-/// disparity of the left one => disparity of the left picture
+/// Two pictures with the disparity of the left picture.
 struct Pair {
     left: SmallView,
     right: SmallView,

@@ -16,7 +16,7 @@ pub enum FetchError {
     /// The transfer failed, or a file or folder of the cache could not be accessed.
     #[error(transparent)]
     Download(#[from] DownloadError),
-    /// from the published one => from the published file
+    /// The server sent a file that differs from the published file.
     #[error(
         "{address}: the file's sha256 is {found}, but should begin with {expected}; it was deleted"
     )]

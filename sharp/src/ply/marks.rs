@@ -35,7 +35,7 @@ pub enum SplatRenderMode {
 pub struct FileMarks {
     /// Program that wrote the file; `None` if the format cannot store it.
     pub generator: Option<Generator>,
-    /// does not state it => does not state this
+    /// True if opacities are compensated for the low-pass filter; `None` if the file does not state this.
     pub antialiased: Option<bool>,
     pub mode: Option<SplatRenderMode>,
     /// True if the file contains Mip-Splatting's `filter_3D`, not yet folded into scales and opacities.

@@ -27,7 +27,10 @@ const IDENTITY: [f32; 16] = [
     1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
 ];
 
-/// becomes +∞, one of 0 => becomes +∞, an opacity of 0
+/// Encodes the scene as a binary little-endian PLY file.
+///
+/// Nothing is clamped: an opacity of exactly 1 becomes +∞, an opacity of 0 becomes −∞. The disparity quantiles are
+/// computed over all Gaussians for which 1/z is a number.
 pub fn to_bytes(scene: &GaussianScene, form: PlyForm) -> Vec<u8> {
     let n = scene.gaussians.len();
     let mut out = header(scene, form).into_bytes();

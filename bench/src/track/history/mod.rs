@@ -114,7 +114,7 @@ pub fn occasion(
     date: Option<&str>,
 ) -> Result<Occasion, HistoryError> {
     let name = || {
-        // the given one => the given path
+        // The canonical path has a name even if the given path is `.`.
         let run = fs::canonicalize(run).unwrap_or_else(|_| run.to_owned());
         let name = if run.is_dir() {
             run.file_name()

@@ -77,7 +77,7 @@ impl GpuRenderer {
         }
     }
 
-    /// including those mapped => including buffers mapped
+    /// Peak total size of this renderer's device buffers in bytes, including buffers mapped by the host.
     pub fn peak_bytes(&self) -> u64 {
         self.gpu.memory.peak()
     }
