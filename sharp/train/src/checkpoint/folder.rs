@@ -46,6 +46,9 @@ impl CheckpointFolder {
     }
 
     /// Writes a state, then removes all states but the latest `kept`.
+    ///
+    /// # Errors
+    /// [`StateError::File`] if a file cannot be written or removed.
     pub fn save(
         &self,
         state: &TrainingState,
