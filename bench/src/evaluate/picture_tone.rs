@@ -11,7 +11,7 @@ use image::RgbImage;
 use image::imageops::thumbnail;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use sharp::color::linear_from_srgb;
+use sharp::color::{linear_from_srgb, srgb_from_linear};
 
 use super::picture_group::{Extent, PictureGroup};
 use super::picture_order::is_reframed;
@@ -190,6 +190,8 @@ fn corners(cells: &[u32], seen: &RgbImage, own: &RgbImage) -> Option<[i16; 2]> {
 enum Curve {
     /// A power, multiplied by a factor per channel.
     Power { gains: [f64; 3], gamma: f64 },
+    /// Linear light is multiplied by a factor.
+    Exposure(f64),
     /// Maps linear light x to x / (1 + x).
     Reinhard,
 }
@@ -203,20 +205,32 @@ impl Curve {
     fn of(self, channel: usize, level: f64) -> f64 {
         match self {
             Self::Power { gains, gamma } => gains[channel] * level.powf(gamma),
+            Self::Exposure(factor) => {
+                let light = factor as f32 * linear_from_srgb(level as f32);
+                f64::from(srgb_from_linear(light))
+            }
             Self::Reinhard => {
-                let light = sharp::color::linear_from_srgb(level as f32);
-                f64::from(sharp::color::srgb_from_linear(light / (1.0 + light)))
+                let light = linear_from_srgb(level as f32);
+                f64::from(srgb_from_linear(light / (1.0 + light)))
             }
         }
     }
 
     /// Completes the sentence "its pictures".
     fn text(self) -> String {
-        let Self::Power { gains, gamma } = self else {
-            return "look like the photographs after Reinhard's tone mapping (x / (1 + x) of linear light)"
-                .to_owned();
+        let ([red, green, blue], gamma) = match self {
+            Self::Power { gains, gamma } => (gains, gamma),
+            Self::Exposure(factor) => {
+                return format!(
+                    "have {factor:.2} times the linear light of the photographs, as with another exposure ({:+.2} EV)",
+                    factor.log2()
+                );
+            }
+            Self::Reinhard => {
+                return "look like the photographs after Reinhard's tone mapping (x / (1 + x) of linear light)"
+                    .to_owned();
+            }
         };
-        let [red, green, blue] = gains;
         let most = red.max(green).max(blue);
         let is_balance = most / red.min(green).min(blue) >= MIN_BALANCE;
         if gamma != 1.0 {
@@ -302,15 +316,21 @@ fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
     let gains = |gamma: f64| means.map(|[x, y]| (y - gamma * x).exp());
     let factor = means.iter().map(|[x, y]| y - x).sum::<f64>() / 3.0;
     let own = slope(means);
+    let stops = pairs.iter().map(|(_, from, to)| {
+        let [from, to] = [from, to].map(|level| f64::from(linear_from_srgb(*level as f32)));
+        (to / from).log2()
+    });
+    let count = pairs.len().max(1) as f64;
+    let exposure = (stops.sum::<f64>() / count).exp2();
     let curves = [
         Curve::AS_READ,
         Curve::Reinhard,
         power(1.0, [factor.exp(); 3]),
+        Curve::Exposure(exposure),
         power(slope([[0.0; 2]; 3]), [1.0; 3]),
         power(1.0, gains(1.0)),
         power(own, gains(own)),
     ];
-    let count = pairs.len().max(1) as f64;
     let before = error(pairs, Curve::AS_READ);
     let off = (before / count).sqrt();
     // A method that blurs or hedges loses contrast, but keeps the mean. A line describes this.
@@ -538,11 +558,13 @@ mod tests {
 
     #[test]
     fn curves_of_all_pictures_are_told() {
-        let reinhard = |v: f64| {
-            let light = sharp::color::linear_from_srgb(v as f32);
-            f64::from(sharp::color::srgb_from_linear(light / (1.0 + light)))
+        let developed = |v: f64, of: &dyn Fn(f32) -> f32| {
+            f64::from(srgb_from_linear(of(linear_from_srgb(v as f32))))
         };
-        let cases: [(&str, f64, &Change); 7] = [
+        let reinhard = |v: f64| developed(v, &|light| light / (1.0 + light));
+        let exposed = |v: f64| developed(v, &|light| 1.3 * light);
+        let cases: [(&str, f64, &Change); 8] = [
+            ("+0.38 EV", 1.3, &move |_, _, _, color| color.map(exposed)),
             ("another exposure", 0.7, &|_, _, _, color| {
                 color.map(|v| 0.7 * v)
             }),

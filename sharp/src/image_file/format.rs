@@ -40,6 +40,10 @@ pub(super) fn of(bytes: &[u8]) -> Result<ImageFormat, ImageFileError> {
         "a JPEG 2000 picture; `magick IN.jp2 OUT.png` converts it"
     } else if bytes.get(4..8) == Some(b"JXL ") || bytes.starts_with(b"\xff\x0a") {
         "a JPEG XL picture; `djxl IN.jxl OUT.png` converts it"
+    } else if bytes.starts_with(b"#?") {
+        "a Radiance HDR picture; `magick IN.hdr OUT.exr` converts it to OpenEXR with linear light"
+    } else if let [b'P', b'1'..=b'6', b' ' | b'\r' | b'\n', ..] = bytes {
+        "a PNM picture; `magick IN.ppm OUT.png` converts it"
     } else if bytes.starts_with(b"\x76\x2f\x31\x01") {
         "an OpenEXR file, which is accepted only as a prediction or a target of `metrics`"
     } else if bytes.starts_with(b"\x93NUMPY") {

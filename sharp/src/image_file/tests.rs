@@ -56,6 +56,8 @@ fn what_is_not_a_picture_is_named() {
         (b"\0\0\0\x0cjP  \r\n", "JPEG 2000"),
         (b"\x76\x2f\x31\x01\x02\0\0\0", "OpenEXR"),
         (b"\x93NUMPY\x01\0", "NumPy"),
+        (b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n", "Radiance HDR"),
+        (b"P6\n2 2\n255\n", "PNM"),
         (b"hello", "neither"),
     ] {
         let error = decode(bytes).unwrap_err();
