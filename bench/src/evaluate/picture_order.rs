@@ -191,7 +191,11 @@ fn wrong_camera_of(group: &PictureGroup<'_, &Record>) -> Option<(ShownCamera, us
     if resized.count() as f64 >= MIN_SHARE * group.pictures.len() as f64 {
         cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
     }
-    wrong_camera(cameras, group.extent)
+    wrong_camera(cameras.clone(), group.extent).or_else(|| {
+        // Pictures from a wrong camera that are too far from their targets resemble framings, each another one.
+        cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
+        wrong_camera(cameras, group.extent)
+    })
 }
 
 /// Whether a picture seems to be cropped or padded and then resized.

@@ -72,7 +72,7 @@ const WIDER: [(&str, [f64; 3]); 2] = [
 /// A picture agrees with a wider colour space if each of its shares differs by at most this. Predictions of weak colours
 /// mix more green into blue.
 const MAX_MIXED_OFF: f64 = 0.05;
-/// Mixing is measured only if the mean squared difference of two channels is at least this, in linear light.
+/// Mixing is measured only if the variance of the difference between two channels is at least this, in linear light.
 const MIN_COLOUR: f64 = 4e-4;
 
 /// A picture counts as masked if at least this percentage of the content shown by both source and target is black or
@@ -133,25 +133,32 @@ pub(super) fn tone([source, target, shown]: [&RgbImage; 3]) -> Option<Tone> {
     })
 }
 
-/// Measures [`Tone::mixed`] by fitting each channel with two of the target's.
+/// Measures [`Tone::mixed`] by fitting each channel with a constant and two channels of the target.
 fn mixed(cells: &[u32], seen: &RgbImage, own: &RgbImage) -> Option<[i16; 3]> {
-    let light = |of: &RgbImage, cell: &u32| {
-        let [red, green, blue] = of.get_pixel(cell % GRID[0], cell / GRID[0]).0;
-        [red, green, blue].map(|level| f64::from(linear_from_srgb(f32::from(level) / 255.0)))
+    let light = |of: &RgbImage, channel: usize| -> Vec<f64> {
+        let levels = cells
+            .iter()
+            .map(|cell| of.get_pixel(cell % GRID[0], cell / GRID[0]).0[channel]);
+        levels
+            .map(|level| f64::from(linear_from_srgb(f32::from(level) / 255.0)))
+            .collect()
+    };
+    let count = cells.len() as f64;
+    let product = |one: &[f64], other: &[f64]| {
+        let [x, y] = [one, other].map(|of| of.iter().sum::<f64>() / count);
+        zip(one, other).map(|(a, b)| (a - x) * (b - y)).sum::<f64>() / count
     };
     let share = |[channel, other]: [usize; 2]| {
-        let (mut normal, mut sum, mut squares) = ([0.0; 3], [0.0; 2], 0.0);
-        for cell in cells {
-            let (seen, own) = (light(seen, cell), light(own, cell)[channel]);
-            let [x, y] = [seen[channel], seen[other]];
-            normal = [normal[0] + x * x, normal[1] + x * y, normal[2] + y * y];
-            sum = [sum[0] + x * own, sum[1] + y * own];
-            squares += (x - y).powi(2);
-        }
-        let [xx, xy, yy] = normal;
-        let [of_channel, of_other] = [yy * sum[0] - xy * sum[1], xx * sum[1] - xy * sum[0]];
+        let [x, y, own] = [
+            light(seen, channel),
+            light(seen, other),
+            light(own, channel),
+        ];
+        let [xx, xy, yy] = [product(&x, &x), product(&x, &y), product(&y, &y)];
+        let [x, y] = [product(&x, &own), product(&y, &own)];
+        let [of_channel, of_other] = [yy * x - xy * y, xx * y - xy * x];
         let share = of_other / (of_channel + of_other);
-        let is_measured = squares >= MIN_COLOUR * cells.len() as f64 && share.is_finite();
+        let is_measured = xx + yy - 2.0 * xy >= MIN_COLOUR && share.is_finite();
         is_measured.then(|| (1000.0 * share).round() as i16)
     };
     let [red, green, blue] = [[0, 1], [1, 0], [2, 1]].map(share);
@@ -608,18 +615,6 @@ mod tests {
                 .unwrap()
                 .contains("the sources do not")
         );
-        let adobe: &Change = &|_, _, _, color| {
-            let light = color.map(|v| f64::from(linear_from_srgb(v as f32)));
-            let [red, green, blue] = light;
-            // Adobe RGB (1998) encodes with the exponent 256 / 563.
-            [
-                0.715 * red + 0.285 * green,
-                green,
-                0.959 * blue + 0.041 * green,
-            ]
-            .map(|v| v.powf(256.0 / 563.0))
-        };
-        assert!(told(AS_READ, adobe).unwrap().contains("in Adobe RGB"));
         assert!(
             told(darker, darker)
                 .unwrap()
@@ -657,6 +652,52 @@ mod tests {
         ];
         for (what, change) in proper {
             assert_eq!(told(AS_READ, change), None, "{what}");
+        }
+    }
+
+    #[test]
+    fn wider_colour_spaces_are_told() {
+        let encoded = |light: [f64; 3], exponent: f64| light.map(|v| v.powf(1.0 / exponent));
+        let of = |[r, g, b]: [f64; 3]| [r, g, b].map(|v| f64::from(linear_from_srgb(v as f32)));
+        // sRGB's primaries in the other space, by the specifications.
+        let adobe: &Change = &|_, _, _, color| {
+            let [r, g, b] = of(color);
+            encoded(
+                [0.715 * r + 0.285 * g, g, 0.041 * g + 0.959 * b],
+                563.0 / 256.0,
+            )
+        };
+        let p3: &Change = &|_, _, _, color| {
+            let [r, g, b] = of(color);
+            let light = [
+                0.8225 * r + 0.1775 * g,
+                0.0332 * r + 0.9668 * g,
+                0.0171 * r + 0.0724 * g + 0.9105 * b,
+            ];
+            light.map(|v| f64::from(srgb_from_linear(v as f32)))
+        };
+        let grey: &Change = &|_, _, _, [r, g, b]| {
+            let luma = 0.3 * r + 0.59 * g + 0.11 * b;
+            [r, g, b].map(|v| luma + 0.8 * (v - luma))
+        };
+        let told = |change: &Change| {
+            let of_view = |view: u32| {
+                let target = photograph(view, 0.0);
+                let moved = if view.is_multiple_of(2) { 0.7 } else { -0.7 };
+                let predicted = fast_blur(&photograph(view, moved), 1.0);
+                let shown = RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
+                    let color = predicted.get_pixel(x, y).0.map(|v| f64::from(v) / 255.0);
+                    Rgb(change(view, x, y, color).map(|v| (255.0 * v).round() as u8))
+                });
+                tone([&photograph(view, 12.0), &target, &shown]).unwrap()
+            };
+            let tones: Vec<Tone> = (0..6).map(of_view).collect();
+            wider_colours(&tones.iter().collect::<Vec<_>>(), "m").unwrap_or_default()
+        };
+        assert!(told(adobe).contains("in Adobe RGB"));
+        assert!(told(p3).contains("in Display P3"));
+        for proper in [AS_READ, grey] {
+            assert_eq!(told(proper), "");
         }
     }
 
