@@ -195,7 +195,9 @@ fn harmonics_need_a_rule_or_are_dropped() {
     let said = run_method(&case, method, "again");
     ends(&said, 0);
     assert!(
-        !said.err.contains("so it is hardly recognisable"),
+        !said
+            .err
+            .contains("so the photograph is hardly recognisable"),
         "{}",
         said.err
     );
@@ -553,14 +555,14 @@ fn gaussians_that_would_take_minutes_to_draw_are_noticed_and_many_small_ones_are
     write(9000, 0.0);
     let said = run("wide");
     assert!(
-        said.err.contains("cover a pixel on average"),
+        said.err.contains("of its Gaussians cover each pixel"),
         "{}{}",
         said.out,
         said.err
     );
     write(9000, -5.0);
     let said = run("small");
-    assert!(!said.err.contains("cover a pixel"), "{}", said.err);
+    assert!(!said.err.contains("cover each pixel"), "{}", said.err);
 }
 
 /// Two of eight sources have the file of another source; neither is the first, the middle or the

@@ -375,7 +375,7 @@ fn backend_difference([a, b]: &[Manifest; 2]) -> Option<String> {
         }
     };
     let (a, b) = (kind(a), kind(b));
-    (a != b).then(|| format!("the renderer is \"{a}\" in one and \"{b}\" in the other"))
+    (a != b).then(|| format!("the renderer is \"{a}\" in the first and \"{b}\" in the second"))
 }
 
 fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
