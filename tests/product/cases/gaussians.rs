@@ -256,7 +256,7 @@ fn files_may_lie_elsewhere_and_the_layout_that_finds_them_is_named() {
     let said = run_method(&case, "gaussians:dir=g,color_space=srgb", "none");
     assert_ne!(said.code, 0);
     assert!(
-        said.err.contains("1 of 1 exist with file={scene}.ply"),
+        said.err.contains("with file={scene}.ply, 1 of 1 exist"),
         "{}",
         said.err
     );
