@@ -218,7 +218,10 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     if pairs.is_empty() {
         let reason = match evaluation.list.pairs.len() {
             0 => "the pair list is empty".to_owned(),
-            n => format!("none of the {n} in the list is selected"),
+            n => format!(
+                "the list has {}, none of which is selected",
+                counted(n, "pair")
+            ),
         };
         return Err(PairError::NoPair(reason).into());
     }
