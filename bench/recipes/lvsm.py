@@ -52,7 +52,7 @@ def load(options: argparse.Namespace):
     @torch.no_grad()
     def predict(pair: protocol.Pair) -> np.ndarray:
         if not pair.target_from_source[:3, 3].any():
-            raise ValueError("both cameras are in one place, and LVSM scales by their distance")
+            raise ValueError("both cameras are at the same position, but LVSM scales by their distance")
         size, square = (side, side), protocol.center_square
         image = tensor(protocol.cut(pair.source, square(pair.source.size), size)).permute(2, 0, 1) / 255
         views = [(pair.K_s, pair.source.size), (pair.K_t, pair.target_size)]

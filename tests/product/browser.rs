@@ -424,7 +424,7 @@ fn pictures(browser: &str) {
     // Twelve of thirty views: every 29/11th.
     assert_eq!(
         said,
-        "0|6|15|This browser has no WebGPU here: shown are 12 pictures rendered with the page."
+        "0|6|15|This browser has no WebGPU here: showing 12 pictures rendered with the page."
     );
 }
 

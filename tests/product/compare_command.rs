@@ -143,7 +143,8 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
         manifest.replace("\"eps2d\": 0.0", "\"eps2d\": 0.3"),
     )
     .unwrap();
-    compare(dir, &["a", "b"]).is_error_with(&["eps2d is \"0\" in one and \"0.3\" in the other"]);
+    compare(dir, &["a", "b"])
+        .is_error_with(&["eps2d is \"0\" in the first and \"0.3\" in the second"]);
 }
 
 #[test]

@@ -134,7 +134,7 @@ fn a_list_or_plan_that_lost_pairs_is_refused_until_the_run_writes_it_anew() {
     let baseline = lines[1].split(',').nth(10).unwrap();
     let moved = lines[1].replace(&format!(",{baseline},"), &format!(",1{baseline},"));
     std::fs::write(&list, whole.replace(lines[1], &moved)).unwrap();
-    refused("pairs.csv has cameras for pair");
+    refused("in pairs.csv differ from those of the run");
     mended();
     let plan = read(dir.join("r/plan.json"));
     let mut cut: serde_json::Value = serde_json::from_str(&plan).unwrap();

@@ -169,7 +169,7 @@ fn repeated_and_lossy_predictions_are_named() {
         .ends_with(0)
         .err;
     for named in [
-        "3 of its 3 pictures are equal to another one",
+        "3 of its 3 pictures are equal to another picture",
         "3 of 3 predictions are stored as JPEG",
     ] {
         assert!(said.contains(named), "{said}");

@@ -217,11 +217,7 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
     still.quaternions.fill([0.0; 4]);
     crate::render_scene::write(&dir.path().join("moved.ply"), still);
     let info = run(dir.path(), &["gaussians", "info", "moved.ply"]).ends_with(0);
-    assert!(
-        info.out.contains("nothing in it is visible"),
-        "{}",
-        info.out
-    );
+    assert!(info.out.contains("no Gaussian is visible"), "{}", info.out);
     evaluate(",color_space=rec709").is_usage_error_with(&["rec709", "linear or srgb"]);
 }
 

@@ -40,8 +40,9 @@ fn the_same_gaussians_pass_and_the_differences_have_units() {
     let dir = tempfile::tempdir().unwrap();
     let said = parity(dir.path(), &release(), &[]).ends_with(0);
     assert!(
-        said.out
-            .contains("18432 Gaussians for 18432, in the same order; 0 are extra, 0 missing"),
+        said.out.contains(
+            "18432 Gaussians (18432 in the reference), in the same order; 0 extra, 0 missing"
+        ),
         "{}",
         said.out
     );
@@ -64,7 +65,7 @@ fn the_same_gaussians_pass_and_the_differences_have_units() {
     }
     assert_eq!(found["settings"], serde_json::json!([["shift", "-1:0"]]));
     let said = parity(dir.path(), &changed, &[]).ends_with(1);
-    for part in ["covariance", "`shift=-1:0` explains most of it"] {
+    for part in ["covariance", "`shift=-1:0` explains most of the difference"] {
         assert!(said.err.contains(part), "{}", said.err);
     }
 }
@@ -116,7 +117,8 @@ fn usual_differences_are_named_by_the_setting_that_explains_them() {
     ] {
         let said = parity(dir.path(), &port, &[]).ends_with(1);
         assert!(
-            said.err.contains(&format!("`{name}` explains most of it")),
+            said.err
+                .contains(&format!("`{name}` explains most of the difference")),
             "{name}: {}{}",
             said.out,
             said.err
@@ -157,7 +159,7 @@ fn another_order_is_named_and_gaussians_left_out_are_counted() {
     let said = parity(dir.path(), &fewer, &[]);
     assert!(
         said.out.contains(&format!(
-            "{kept} Gaussians for {COUNT}, in another order, matched by position; 0 are extra, {} missing",
+            "{kept} Gaussians ({COUNT} in the reference), in another order, matched by position; 0 extra, {} missing",
             COUNT - kept
         )),
         "{}",
@@ -178,7 +180,7 @@ fn doubled_and_broken_gaussians_are_counted() {
     for (port, said) in [
         (
             doubled,
-            "18432 Gaussians without a match of their own in the reference",
+            "18432 Gaussians without a counterpart in the reference",
         ),
         (broken, "1 Gaussians not finite"),
         // Gaussians that are far off, but in order, are not reported as reordered.

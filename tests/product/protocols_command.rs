@@ -110,7 +110,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     again.is_error_with(&["the protocol", "unisharp", "choose another folder"]);
     // A mean that differs from that of the runs' tables is reported.
     let compared = sharp_bench(dir, &["compare", "u", "u"]).ends_with(0);
-    let note = "the runs' own tables have the mean over source views of means over targets";
+    let note = "the runs' own tables use the mean over source views of means over targets";
     assert!(compared.err.contains(note), "{}", compared.err);
     // A report can be requested with other means.
     let over = ["report", "plain", "--aggregate", "scenes", "--out", "over"];

@@ -223,7 +223,7 @@ fn what_is_wrong_with_a_sheet_is_said() {
     let warnings: Vec<&str> = warnings.collect();
     assert_eq!(warnings.len(), 11, "{}", said.err);
     assert!(warnings[0].contains("S/seed0/") && warnings[0].contains("not kept"));
-    assert_eq!(warnings[10], "warning: and 2 more");
+    assert_eq!(warnings[10], "warning: 2 more not shown");
 }
 
 /// Three vertical strips, at 2, 3 and 4 m; the middle one is half transparent. The panel shows

@@ -334,6 +334,6 @@ fn the_bundled_network_predicts_records_and_compares() {
     // Without any checkpoint, `predict` uses the bundled network, and a note says so.
     let none = ["predict", &image, "--out", "q.ply"];
     let said = sharp_bench(dir.path(), &none).ends_with(0).err;
-    let note = "the bundled small network predicts: no SHARP checkpoint";
+    let note = "using the bundled small network: no SHARP checkpoint";
     assert!(said.contains(note), "{said}");
 }

@@ -63,7 +63,7 @@ fn weights_are_made_checked_and_converted() {
     );
     assert!(
         said.err
-            .contains("for one of another size, give its configuration with"),
+            .contains("for a network of another size, give its configuration with"),
         "{}",
         said.err
     );

@@ -156,7 +156,7 @@ def test_tensors(pictures):
         (lambda a: a / 255 * np.nan, ValueError, "finite"),
         (lambda a: a[:50], ValueError, "83x50"),
         (lambda a: a[:0], ValueError, "no pixel"),
-        (lambda a: a[None][:0], ValueError, "a batch without a picture"),
+        (lambda a: a[None][:0], ValueError, "the batch has no pictures"),
         (lambda a: a.tolist(), TypeError, "a list"),
         (lambda a: "prediction.png", TypeError, "a str"),
         (lambda a: object(), TypeError, "neither an array nor a tensor"),

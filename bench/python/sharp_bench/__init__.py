@@ -84,7 +84,7 @@ def metrics(prediction, target, metrics="paper", mask=None, layout=None, weights
     predictions, is_batch = _arrays.pictures("prediction", prediction, layout)
     targets, _ = _arrays.pictures("target", target, layout)
     if not predictions:
-        raise ValueError("prediction: a batch without a picture")
+        raise ValueError("prediction: the batch has no pictures")
     if len(targets) not in (1, len(predictions)):
         raise ValueError(f"{len(predictions)} predictions and {len(targets)} targets: expected equally many, or one target")
     targets = targets * (len(predictions) // len(targets))
@@ -386,7 +386,7 @@ def _source_hash(function):
     try:
         text = textwrap.dedent(inspect.getsource(function))
     except (OSError, TypeError):
-        raise ValueError("version= is needed: the function has no source text by which a change could be seen") from None
+        raise ValueError("version= is needed: the function has no source text, so changes to it cannot be detected") from None
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -73,7 +73,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
     if !table.rows.iter().any(|(label, _)| *label == args.row) {
         let labels: Vec<&str> = table.rows.iter().map(|(label, _)| *label).collect();
         let reason = format!(
-            "--row {}: {} has no such row, only {}",
+            "--row {}: {} has no row with this name; its rows are {}",
             args.row,
             table.name,
             labels.join(", ")

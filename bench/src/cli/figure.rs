@@ -301,7 +301,7 @@ fn write_sheet(
         output::remark(format!("warning: {}", visible_line(problem)));
     }
     if let more @ 1.. = problems.len().saturating_sub(PROBLEMS) {
-        output::remark(format!("warning: and {more} more"));
+        output::remark(format!("warning: {more} more not shown"));
     }
     Ok(!problems.is_empty())
 }

@@ -150,7 +150,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let config = RunConfig::read(&folder.config_path())?.overlaid(&args.config)?;
     if let Some(method) = config.program().filter(|_| !args.allow_programs) {
         let reason = format!(
-            "the plan starts a program (--method {method}); if you trust it, add --allow-programs"
+            "the plan starts a program (--method {method}); if you trust the program, add --allow-programs"
         );
         return Err(UsageError(reason).into());
     }
@@ -173,7 +173,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     say_what_was_opened(&request.datasets);
     if let Some(protocol) = &request.protocol {
         for departure in &protocol.departures {
-            output::remark(format!("note: differs from {}: {departure}", protocol.name));
+            output::remark(format!(
+                "note: this run differs from {}: {departure}",
+                protocol.name
+            ));
         }
     }
     let evaluation = prepare(request, &terminal)?;

@@ -156,8 +156,8 @@ pub(super) fn execute(args: &ScaleArgs) -> anyhow::Result<Outcome> {
     let config = RunConfig::read(&RunFolder::open(&shards.plan)?.config_path())?;
     if let Some(method) = config.program().filter(|_| !shards.allow_programs) {
         output::remark(format!(
-            "warning: the plan starts a program, --method {method}, which shards refuse; if you trust it, write the \
-             files again with --allow-programs"
+            "warning: the plan starts a program, --method {method}, which shards refuse to start; if you trust the \
+             program, write the files again with --allow-programs"
         ));
     }
     output::print_written(shards.json, &files)?;

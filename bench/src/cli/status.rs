@@ -67,7 +67,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
     output::print(args.json, || &shown, || shown.to_string())?;
     if progress.damaged > 0 {
         output::remark(format!(
-            "warning: {}; such units count as missing, and the next run computes them again",
+            "warning: {}; damaged units count as missing, and the next run recomputes them",
             counted(progress.damaged, "damaged unit file")
         ));
     }
@@ -106,7 +106,7 @@ impl Display for ShownProgress<'_> {
             let (last, left) = (span(secs), span(left));
             write!(
                 f,
-                "{units} units in the last {last}; {left} left at this speed"
+                "{units} units in the last {last}; at this speed, the rest takes {left}"
             )?;
         }
         Ok(())

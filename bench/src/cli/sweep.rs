@@ -154,7 +154,7 @@ pub(super) fn sweep(
     let x = sweep.spec.x.title();
     for panel in &sweep.without_lines {
         output::remark(format!(
-            "warning: {}: not shown, as none of {} has a score and a known {x} within the bins",
+            "warning: {}: not shown, because none of {} has both a score and a known {x} within the bins",
             panel.split,
             counted(panel.pairs, "pair")
         ));

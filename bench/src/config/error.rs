@@ -19,7 +19,7 @@ pub enum ConfigError {
     #[error("--device {0}: this build does not include {0}; build with `--features {0}`")]
     NoDevice(Device),
     #[error(
-        "--scale-sweep chooses by DISTS, but the weights of its network are missing; give --weights vgg16=FILE, \
+        "--scale-sweep chooses by DISTS, whose network weights are missing; give --weights vgg16=FILE, \
          or see `weights list`"
     )]
     NoChooser,

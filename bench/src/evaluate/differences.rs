@@ -84,7 +84,7 @@ impl ManifestDifference {
 
 impl fmt::Display for ManifestDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.between("in one", "in the other"))?;
+        f.write_str(&self.between("in the first", "in the second"))?;
         f.write_str(self.advice)
     }
 }

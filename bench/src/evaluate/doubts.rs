@@ -110,8 +110,8 @@ fn outlying_sources<'a>(
     let (of_worse, of_others) = (range(&mut worse), range(&mut others));
     Some(format!(
         "the Gaussians of {} of {count} sources ({}) reproduce the source's photograph at only {of_worse} dB, those of the \
-         remaining sources at {of_others} dB; perhaps these files belong to other sources (`gaussians info FILE` describes a \
-         file)",
+         remaining sources at {of_others} dB; perhaps the files of the named sources belong to other \
+         sources (`gaussians info FILE` describes a file)",
         worse.len(),
         listed(worse.iter().map(|(name, _)| *name).collect())
     ))
@@ -181,7 +181,7 @@ fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<Stri
         let names: BTreeSet<&str> = known.iter().copied().collect();
         return (!known.is_empty()).then(|| {
             format!(
-                "{} of {} targets are views that it was trained on ({}), so they are not novel views",
+                "{} of {} targets are views that the method was trained on ({}), so they are not novel views",
                 known.len(),
                 views.len(),
                 listed(names)

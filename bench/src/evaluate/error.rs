@@ -53,7 +53,7 @@ pub enum EvaluateError {
     },
     /// This run's results cannot be added to those in the folder.
     #[error(
-        "{}: {difference}; a folder can have only one, so choose another folder",
+        "{}: {difference}; all results in a folder must agree in this, so choose another folder",
         folder.display()
     )]
     OtherMachine {

@@ -64,7 +64,8 @@ worded! {
         Lab = "contain L*a*b* but were read as red, green and blue",
         /// Values are normalised by ImageNet's mean and standard deviation.
         Normalised =
-            "are normalised by ImageNet's or CLIP's mean and standard deviation; undo this before storing them",
+            "are normalised by ImageNet's or CLIP's mean and standard deviation; undo the normalisation before \
+             storing them",
         /// Values are normalised by ImageNet's or CLIP's mean and standard deviation, then stretched to 0..255 by one
         /// range for all channels.
         NormalisedAndStretched =
@@ -72,14 +73,14 @@ worded! {
              to 0..255; undo the normalisation before storing them",
         /// Levels beyond 0..255 wrapped around.
         Wrapped =
-            "have very bright levels stored as very dark ones or the reverse, because levels beyond 0 and 255 \
-             wrapped around; limit them to 0..255 before converting to 8 bit",
+            "have very bright levels stored as very dark ones, or very dark as very bright ones, because levels outside \
+             0..255 wrapped around; limit levels to 0..255 before converting to 8 bit",
         /// Values of 0..1 are stored as whole levels.
         Unscaled = "have no level above 1, because values from 0 to 1 were not multiplied by 255",
         /// Two opposite sides have bars of one colour.
-        Bars = "have bars of one colour at two opposite sides, probably padding; remove it before storing them",
+        Bars = "have bars of one colour at two opposite sides, probably padding; remove the bars before storing them",
         /// All rows from some row to the last have one colour.
-        Unfinished = "have one colour from some row down to the last, as if they were unfinished",
+        Unfinished = "have a single colour from some row down to the last row, as if they were unfinished",
         /// Every second row differs from its neighbours.
         Interlaced = "have every second row from another picture, as if two pictures were interlaced",
         /// A white border on all sides.
@@ -94,24 +95,26 @@ worded! {
             "are several pictures side by side or one above the other, squeezed into one; store only the prediction",
         /// The content was padded: it appears reduced along one axis about the middle, or along both with its upper left
         /// corner in place.
-        Padded = "were resized with padding around them; remove it before resizing, or store the pictures without it",
+        Padded =
+            "were resized with padding around them; remove the padding before resizing, or store the pictures \
+             without padding",
         /// The content was cropped and stretched to the target's size: it appears enlarged along one axis.
         Cropped =
-            "are crops stretched to the target's size; store them unstretched and set crop=center:1:1 (or their own \
-             aspect)",
+            "are crops stretched to the target's size; store them unstretched and set crop=center:1:1 (or the crops' \
+             own aspect ratio)",
         /// Contrast was increased so that the darkest level is 0 and the brightest 255. The value is the gain in
         /// percent.
         Stretched(i16) =
-            "were stretched separately, each so that its darkest level is 0 and its brightest 255 (`normalize=True` \
-             of torchvision's save_image, for example); store the values as predicted",
+            "were stretched separately, so that the darkest level of each picture is 0 and the brightest 255 \
+             (`normalize=True` of torchvision's save_image, for example); store the values as predicted",
         /// The three channels are equal, although the photograph is coloured.
         Grey =
             "have three equal channels, although the photographs have colours; if the method predicts colours, store \
-             them",
+             these",
         /// Two channels are equal, although the same channels of the photograph differ.
         EqualChannels =
-            "have two equal channels, although those of the photographs differ; perhaps one was stored in place of \
-             another",
+            "have two equal channels, although these channels differ in the photographs; perhaps one channel was stored \
+             in place of another",
         /// Neighbouring pixels are uncorrelated.
         Noise =
             "are noise, with uncorrelated neighbouring pixels (perhaps latents, unfinished sampling or bytes read as \

@@ -143,8 +143,8 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
             change.text()
         ),
         PictureChange::LimitedRange => format!(
-            "its pictures look as if they {}; {counted} have about 16 for black and 235 for white of the photographs \
-             {photographs}",
+            "its pictures look as if they {}; in {counted}, levels are about 16 where the photographs {photographs} are \
+             black and about 235 where they are white",
             change.text()
         ),
         change
@@ -157,8 +157,8 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
             )
         }
         PictureChange::NormalisedAndStretched => format!(
-            "its pictures look as if they {}; {counted} have the brightness and contrast per channel that this gives the \
-             photographs {photographs}",
+            "its pictures look as if they {}; {counted} have the brightness and contrast per channel that the \
+             photographs {photographs} have after this normalisation",
             change.text()
         ),
         PictureChange::Stretched(_) => format!(
@@ -221,7 +221,7 @@ pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
     let names: BTreeSet<&str> = repeated.map(|(name, _)| *name).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "{} of its {} pictures are equal to another one, although their targets differ (perhaps one file was \
+            "{} of its {} pictures are equal to another picture, although the targets differ (perhaps one file was \
              stored under several names): {}",
             names.len(),
             pictures.len(),
@@ -336,7 +336,7 @@ mod tests {
         let records_of = records(5, files(|at| at.min(2)));
         let said = of_dataset(&records_of, repeated_pictures).unwrap();
         assert!(
-            said.starts_with("3 of its 5 pictures are equal to another one"),
+            said.starts_with("3 of its 5 pictures are equal to another picture"),
             "{said:?}"
         );
         assert!(

@@ -107,9 +107,9 @@ pub(super) fn stamped_pictures(group: &PictureGroup<'_, &Record>) -> Option<Stri
     let [across, down] = [(across, GRID[0]), (down, GRID[1])]
         .map(|([first, last], of)| format!("{} to {} %", 100 * first / of, 100 * last / of));
     Some(format!(
-        "its pictures have something in common that their targets do not have, such as a caption, logo or watermark \
-         (about {:.0} % of their area, at {across} of the width and {down} of the height, is the same in nearly all of \
-         the {all} compared of {}); store the pictures without it",
+        "its pictures share content that their targets do not have, such as a caption, logo or watermark (about {:.0} % \
+         of their area, at {across} of the width and {down} of the height, is the same in nearly all of the {all} \
+         compared pictures of {}); store the pictures without this content",
         100.0 * share,
         group.name
     ))

@@ -218,7 +218,10 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     if pairs.is_empty() {
         let reason = match evaluation.list.pairs.len() {
             0 => "the pair list is empty".to_owned(),
-            n => format!("none of the {n} in the list is selected"),
+            n => format!(
+                "the list has {}, none of which is selected",
+                counted(n, "pair")
+            ),
         };
         return Err(PairError::NoPair(reason).into());
     }
@@ -270,11 +273,11 @@ fn check_files(
             path: list.path.clone(),
             line: first.line,
             reason: format!(
-                "the cameras of {} are {found_m} m and {found_deg}° apart, but {listed_m} m and \
-                 {listed_deg}° in the list ({} in all), so the list was made from other poses or with \
-                 other settings; `pairs verify` compares the two, and `pairs` builds a new list",
+                "the files have other cameras for {}, such as {}: {found_m} m and {found_deg}° apart, but \
+                 {listed_m} m and {listed_deg}° in the list; the list was made from other poses or with other \
+                 settings; `pairs verify` lists the differences, and `pairs` builds a new list",
+                counted(found.moved.len(), "pair"),
                 first.pair_id,
-                counted(found.moved.len(), "such pair"),
             ),
         });
     }

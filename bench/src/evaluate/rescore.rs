@@ -101,7 +101,7 @@ pub fn score_shard(
     if let Some(difference) = refusal(&manifest, &under(&manifest, scoring), Purpose::Shard) {
         return Err(EvaluateError::NotKept {
             folder: root.to_owned(),
-            reason: difference.to_string(),
+            reason: difference.between("in the plan", "in this shard"),
         });
     }
     let plan = folder.plan()?;

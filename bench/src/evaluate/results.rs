@@ -116,7 +116,9 @@ impl Current {
         match moved.filter(|_| list.sha256 != said.sha256) {
             Some(unit) => {
                 let pair = &unit.slot.pair_id;
-                let what = format!("pairs.csv has cameras for pair '{pair}' other than those");
+                let what = format!(
+                    "the cameras of pair '{pair}' in pairs.csv differ from those of the run"
+                );
                 Err(changed(folder, &what))
             }
             None => Ok(()),
@@ -168,18 +170,18 @@ pub(super) fn check_rows(
     let listed: BTreeSet<&str> = list.pairs.iter().map(|p| p.pair_id.as_str()).collect();
     let what = if listed.len() < said.listed {
         format!(
-            "pairs.csv has {} of the {} pairs",
+            "pairs.csv has {} of the {} pairs of the run",
             listed.len(),
             said.listed
         )
     } else if planned.len() < said.evaluated {
         format!(
-            "plan.json has {} of the {} pairs",
+            "plan.json has {} of the {} pairs of the run",
             planned.len(),
             said.evaluated
         )
     } else if let Some(pair) = planned.iter().find(|id| !listed.contains(**id)) {
-        format!("pairs.csv is missing pair '{pair}' of those")
+        format!("pairs.csv is missing pair '{pair}' of the run")
     } else {
         return Ok(());
     };
@@ -190,8 +192,7 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     EvaluateError::NotKept {
         folder: folder.root().to_owned(),
         reason: format!(
-            "{what} that were evaluated according to manifest.json, so the file was changed; `run` with the same \
-             options rewrites it"
+            "{what}, so the file was changed after manifest.json was written; `run` with the same options rewrites it"
         ),
     }
 }

@@ -173,11 +173,12 @@ impl Evaluation {
     ) -> Result<UnitCounts, EvaluateError> {
         let folder = RunFolder::join(root)?;
         let Some(planned) = folder.manifest()? else {
-            return Err(refused(root, "it has no manifest.json; plan it again"));
+            return Err(refused(root, "it has no manifest.json; plan the run again"));
         };
         let plan = folder.plan()?;
         check_rows(&folder, &planned.pairs, &plan, &self.list)?;
         if let Some(difference) = refusal(&planned, &self.manifest()?, Purpose::Shard) {
+            let difference = difference.between("in the plan", "in this shard");
             let reason = format!(
                 "{difference}; a shard needs the binary, the files and the class of CPU kernels (`run --simd`) that the plan \
                  was made with"
@@ -199,8 +200,7 @@ impl Evaluation {
             if readable.count() > pairs.len() {
                 return Err(refused(
                     root,
-                    "its run.toml selects pairs that differ from those in its plan, so one of the two was \
-                     changed",
+                    "its run.toml selects other pairs than its plan.json, so one of these files was changed",
                 ));
             }
             observer.warn(&format!(

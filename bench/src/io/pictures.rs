@@ -249,8 +249,8 @@ fn read_exr(
     let brighter = rgb.pixels().filter(is_brighter).count();
     if transfer == ExrTransfer::Linear && brighter > 0 && !is_ours {
         notes.push(format!(
-            "{:.2} % of its pixels are brighter than 1 and are clipped there (exr=linear); tone-map it like the \
-             pictures that it is compared with",
+            "{:.2} % of its pixels are brighter than 1 and are clipped to 1 (exr=linear); tone-map the picture like \
+             those that it is compared with",
             percent(brighter)
         ));
     }
@@ -291,7 +291,7 @@ pub fn read_linear(path: &Path) -> Result<LinearPicture, ReadError> {
     ) {
         (true, true) => Ok(picture),
         (false, _) => Err(malformed(path, "it is not marked as linear")),
-        (_, false) => Err(malformed(path, "values that are not finite")),
+        (_, false) => Err(malformed(path, "it has values that are not finite")),
     }
 }
 

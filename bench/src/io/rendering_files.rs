@@ -211,7 +211,7 @@ mod tests {
         assert_eq!(within.notes, Vec::<String>::new());
         let bright = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 1.1, 30.0]).unwrap();
         assert_eq!(bright.notes.len(), 1);
-        let start = "25.00 % of its pixels are brighter than 1 and are clipped there (exr=linear)";
+        let start = "25.00 % of its pixels are brighter than 1 and are clipped to 1 (exr=linear)";
         assert!(bright.notes[0].starts_with(start), "{:?}", bright.notes);
         assert!((0.9999..=1.0).contains(&bright.picture.value(7, 0, 0)));
         for odd in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {

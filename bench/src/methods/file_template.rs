@@ -148,7 +148,7 @@ pub(super) fn suggestion(
     });
     let (there, all, template) = found.max_by_key(|(there, ..)| *there)?;
     Some(format!(
-        "none of its files were found, but {there} of {all} exist with file={}",
+        "none of its files were found; with file={}, {there} of {all} exist",
         template.text()
     ))
 }
@@ -196,7 +196,7 @@ mod tests {
         let of = |extensions| suggestion(folder.path(), &ids, extensions);
         let found = of(&["png"]).unwrap();
         assert!(
-            found.ends_with("2 of 2 exist with file={scene}.png"),
+            found.ends_with("with file={scene}.png, 2 of 2 exist"),
             "{found}"
         );
         assert_eq!(of(&["jpg"]), None);

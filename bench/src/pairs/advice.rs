@@ -56,7 +56,10 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
     }
     let sparse = counts.is_sparse() && options.depth.is_ground_truth();
     let why = if counts.qualified > 0 {
-        format!("limit={} selects none", options.sampling.limit.unwrap_or(0))
+        format!(
+            "limit={} selects no pair",
+            options.sampling.limit.unwrap_or(0)
+        )
     } else if counts.views > 0 && counts.with_depth == 0 && counts.too_near + counts.too_far == 0 {
         without_depth(dataset, options)
     } else if counts.considered == 0 {
@@ -133,8 +136,8 @@ fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
     let (format, split) = (dataset.entry.format, dataset.setting("split"));
     if options.depth.is_ground_truth() && format == "scannetpp" && split.starts_with("nvs_test") {
         return format!(
-            "no view has depth, because split={split} has no meshes, and its targets are not public either; use \
-             split=nvs_sem_val, which has both, or depth=points, which is sparse, with one of these \
+            "no view has depth, because split={split} has no meshes (its targets are not public either); use \
+             split=nvs_sem_val, which has both, or depth=points, which is sparse and needs one of these \
              --pair-options: {DENSE}"
         );
     }
@@ -272,7 +275,7 @@ mod tests {
             ..depth(10, 0)
         };
         let limited = said("eth3d=/x", "limit=0", limited).unwrap();
-        assert!(limited.contains("limit=0 selects none"), "{limited}");
+        assert!(limited.contains("limit=0 selects no pair"), "{limited}");
         let no_set = PairCounts {
             views: 1,
             ..depth(1, 0)

@@ -215,9 +215,10 @@ impl Protocol {
         let keys: Vec<MetricKey> = asked.keys().collect();
         match own.keys().find(|key| !keys.contains(key)) {
             None => Ok(()),
-            Some(lacking) => {
-                Err(self.contradicted(format!("scores {lacking}"), "--metrics without it"))
-            }
+            Some(lacking) => Err(self.contradicted(
+                format!("scores {lacking}"),
+                format!("--metrics without {lacking}"),
+            )),
         }
     }
 

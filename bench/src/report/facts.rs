@@ -116,7 +116,7 @@ fn list_facts(list: &ListRecord) -> Vec<Fact> {
         fact("evaluated", list.evaluated),
     ];
     if let Some(limit) = list.limit {
-        let text = format!("{limit} (not all that are selected)");
+        let text = format!("{limit} (not all selected pairs)");
         facts.push(fact("limit", text));
     }
     // Merge facts that several datasets have in common.

@@ -71,7 +71,7 @@ pub fn methods_text(results: &Results) -> MethodsText {
     let frames = frames(manifest);
     if !frames.is_empty() {
         before.push(format!(
-            "Resolution: the views of {} were resized and cropped before anything else; ground truth is at that size.",
+            "Resolution: the views of {} were resized and cropped first; ground truth has the resulting size.",
             frames.join(", ")
         ));
     }
@@ -189,7 +189,7 @@ fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
     }
     say(
         with(|record| record.crop.is_some()),
-        "Predictions of METHODS show a part of the target and are scored on it.",
+        "Predictions of METHODS show a part of the target and are scored on this part.",
     );
     say(
         with(|record| record.valid_share.is_some()),
@@ -197,11 +197,11 @@ fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
     );
     say(
         with(|record| record.scale.is_some()),
-        "Of METHODS, the best of several scales of the scene was chosen by DISTS against the target.",
+        "For METHODS, the best of several scales of the scene was chosen by DISTS against the target.",
     );
     say(
         privileged(|known| known.depth == TrueDepth::DepthScale),
-        "The depth of METHODS was scaled by the median of its ratios to the source's true depth.",
+        "The depth of METHODS was scaled by the median ratio of the source's true depth to the predicted depth.",
     );
     say(
         privileged(|known| known.depth == TrueDepth::SourceDepth),
@@ -213,7 +213,7 @@ fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
     );
     say(
         privileged(|known| known.target_pose),
-        "The target's camera was moved so that the picture of METHODS fits the target's photograph, before it was scored.",
+        "Before scoring METHODS, the target's camera was moved so that the picture fits the target's photograph.",
     );
     if manifest.common_region {
         let rule = "All methods are scored on the part of a target that all of them predict.";
@@ -276,7 +276,7 @@ fn deviations(manifest: &Manifest, records: &[Record]) -> String {
     };
     match open.as_str() {
         "" => format!("{known}."),
-        open => format!("{known}. Left open there and chosen here: {open}."),
+        open => format!("{known}. Left open by the paper and chosen here: {open}."),
     }
 }
 

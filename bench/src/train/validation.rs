@@ -99,9 +99,9 @@ impl Validation {
             return Err(TrainError::OtherFolder {
                 folder: folder.root().to_owned(),
                 reason:
-                    "this training run was validated on other pairs (validation-pairs.csv), and a \
-                         curve must not mix both; use the same datasets and number of pairs, or \
-                         another folder"
+                    "this training run was validated on other pairs before (validation-pairs.csv), and a \
+                         curve must not mix different pairs; use the same datasets and number of \
+                         pairs, or another folder"
                         .to_owned(),
             });
         }
@@ -202,7 +202,7 @@ fn held_out(datasets: &[OpenDataset], config: &TrainingConfig) -> Result<(), Tra
             let root = root(dataset);
             let mut clusters = dataset.scenes.iter().map(|scene| &scene.cluster);
             if let Some(scene) = clusters.find(|c| seen.contains(&(root.clone(), (*c).clone()))) {
-                return Err(refused(dataset, format!("its scene '{scene}'")));
+                return Err(refused(dataset, format!("scene '{scene}' of this dataset")));
             }
         }
     }

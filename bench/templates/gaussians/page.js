@@ -148,7 +148,7 @@ function fallBack(reason) {
   document.body.dataset.pictures = reason;
   const range = $('frame');
   const { pictures } = facts;
-  $('what').textContent = reason + ': shown ' + (pictures.length === 1 ? 'is the picture' : 'are ' + pictures.length + ' pictures') + ' rendered with the page.';
+  $('what').textContent = reason + ': showing ' + (pictures.length === 1 ? 'the picture' : pictures.length + ' pictures') + ' rendered with the page.';
   // Only the views that have a picture.
   const nearest = () => pictures.reduce((best, at) => (Math.abs(at - chosen()) < Math.abs(best - chosen()) ? at : best));
   range.addEventListener('input', () => { range.value = nearest(); redraw(); });

@@ -195,7 +195,9 @@ fn harmonics_need_a_rule_or_are_dropped() {
     let said = run_method(&case, method, "again");
     ends(&said, 0);
     assert!(
-        !said.err.contains("so it is hardly recognisable"),
+        !said
+            .err
+            .contains("so the photograph is hardly recognisable"),
         "{}",
         said.err
     );
@@ -254,7 +256,7 @@ fn files_may_lie_elsewhere_and_the_layout_that_finds_them_is_named() {
     let said = run_method(&case, "gaussians:dir=g,color_space=srgb", "none");
     assert_ne!(said.code, 0);
     assert!(
-        said.err.contains("1 of 1 exist with file={scene}.ply"),
+        said.err.contains("with file={scene}.ply, 1 of 1 exist"),
         "{}",
         said.err
     );
@@ -553,14 +555,14 @@ fn gaussians_that_would_take_minutes_to_draw_are_noticed_and_many_small_ones_are
     write(9000, 0.0);
     let said = run("wide");
     assert!(
-        said.err.contains("cover a pixel on average"),
+        said.err.contains("of its Gaussians cover each pixel"),
         "{}{}",
         said.out,
         said.err
     );
     write(9000, -5.0);
     let said = run("small");
-    assert!(!said.err.contains("cover a pixel"), "{}", said.err);
+    assert!(!said.err.contains("cover each pixel"), "{}", said.err);
 }
 
 /// Two of eight sources have the file of another source; neither is the first, the middle or the

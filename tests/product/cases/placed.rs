@@ -354,7 +354,7 @@ fn scenes_of_several_views_say_so_and_name_targets_they_were_trained_on() {
     assert!(!manifest(",train='view_00'").1.contains("trained on"));
     for train in ["train.txt", "view_0?", "seed0/*"] {
         let said = case.run(&line(&format!(",train='{train}'")));
-        let text = "1 of 1 targets are views that it was trained on";
+        let text = "1 of 1 targets are views that the method was trained on";
         let named = format!("{text} (view_01)");
         assert!(
             (said.out.clone() + &said.err).contains(&named),

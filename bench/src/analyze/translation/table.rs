@@ -55,9 +55,9 @@ fn method_note(experiment: &Experiment) -> String {
     let shifts = experiment.comparisons.iter().filter_map(|c| c.shift);
     let pixels: Vec<String> = shifts.map(|(_, pixels)| format!("{pixels:.2}")).collect();
     format!(
-        "A window of this size was moved over the picture by a fraction of the picture's width ({} pixels) and compared \
-         with the window at the start. Pixels are linearly interpolated and rounded to 8 bits; no border is filled in. \
-         The mean image has the reference's mean sRGB colour.",
+        "Windows of this size, moved over the picture by a fraction of its width ({} pixels), are compared with the \
+         window at the start. Pixels are linearly interpolated and rounded to 8 bits; no border is filled in. The mean \
+         image has the mean sRGB colour of the window at the start.",
         pixels.join(", ")
     )
 }

@@ -48,7 +48,7 @@ pub(super) fn execute(
     let names: BTreeSet<&str> = list.pairs.iter().map(|p| p.dataset.as_str()).collect();
     if let Some(unused) = specs.keys().find(|name| !names.contains(*name)) {
         anyhow::bail!(
-            "--dataset {unused}: the list has no dataset of that name, only {}; give the dataset as \
+            "--dataset {unused}: the list has no dataset with this name; its datasets are {}; give the name as \
              NAME:FORMAT=PATH",
             names.into_iter().collect::<Vec<_>>().join(", ")
         );
@@ -204,7 +204,7 @@ impl Display for Needed {
             let names = std::iter::once(&listed.file.path).chain(&listed.file.or);
             let names: Vec<&str> = names.map(String::as_str).collect();
             let absent = if listed.present == Some(false) {
-                "  NOT THERE"
+                "  MISSING"
             } else {
                 ""
             };

@@ -129,7 +129,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     ""
                 };
                 output::remark(format!(
-                    "note: {} {}, but {} {}; rendering={}{colors} renders the new file like the old one",
+                    "note: {} {}, but {} {}; to render the new file like the old one, set rendering={}{colors}",
                     ply.display(),
                     says(&made_for),
                     out.display(),
@@ -233,11 +233,12 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
         scene.gaussians.is_finite(k) && rotation != [0.0; 4] && opacities[k] >= 1.0 / 255.0
     });
     if visible.count() == 0 {
-        implausible.push("nothing in it is visible".to_owned());
+        implausible.push("no Gaussian is visible".to_owned());
     }
     if behind > 0.1 {
         implausible.push(format!(
-            "{:.0} % are behind the camera; the axes may be OpenGL's, or the file may not be in camera space",
+            "{:.0} % of the Gaussians are behind the camera; the axes may be OpenGL's, or the file may not be in \
+             camera space",
             100.0 * behind
         ));
     }

@@ -151,7 +151,8 @@ impl Display for PortParity {
         let [port, reference] = self.counts;
         writeln!(
             f,
-            "{port} Gaussians for {reference}, in {order}; {extra} are extra, {missing} missing, {not_finite} not finite"
+            "{port} Gaussians ({reference} in the reference), in {order}; {extra} extra, {missing} missing, \
+             {not_finite} not finite"
         )?;
         writeln!(
             f,
@@ -178,7 +179,7 @@ impl Display for PortParity {
         }
         write!(
             f,
-            "both rendered into the photograph's camera: {:.2} dB PSNR apart",
+            "PSNR between both, rendered from the photograph's camera: {:.2} dB",
             self.psnr
         )
     }
@@ -221,10 +222,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         .map(|f| format!("{} {:.3} {}", f.field, f.p99, f.unit))
         .collect();
     let counts = [
-        (
-            *extra,
-            "Gaussians without a match of their own in the reference",
-        ),
+        (*extra, "Gaussians without a counterpart in the reference"),
         (*missing, "Gaussians missing"),
         (*not_finite, "Gaussians not finite"),
     ];
@@ -239,7 +237,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         let explained = if settings.is_empty() {
             String::new()
         } else {
-            format!("; `{settings}` explains most of it")
+            format!("; `{settings}` explains most of the difference")
         };
         bail!(
             "{}: differs by more than {tolerance} at the 99th percentile ({}){explained}",

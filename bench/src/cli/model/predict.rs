@@ -97,9 +97,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
         && model.config.is_none()
         && let Err(absent) = find_checkpoint()
     {
-        output::remark(format!(
-            "note: the bundled small network predicts: {absent}"
-        ));
+        output::remark(format!("note: using the bundled small network: {absent}"));
         model.checkpoint = Some("mini".into());
     }
     let predictor = model.load()?;

@@ -97,7 +97,7 @@ fn first_lines<T>(head: &str, items: &[T], text: impl Fn(&T) -> String) -> Strin
     let line = |item| format!("{head}: {}\n", text(item));
     let mut all: String = items.iter().take(LINES).map(line).collect();
     if items.len() > LINES {
-        all += &format!("{head}: and {} more\n", items.len() - LINES);
+        all += &format!("{head}: {} more not shown\n", items.len() - LINES);
     }
     all
 }

@@ -86,7 +86,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     }
     anyhow::ensure!(
         !pairs.is_empty(),
-        "{}: no pair of the list is marked as selected; add --all to export the other pairs too",
+        "{}: no pair of the list is marked as selected; add --all to export pairs that are not selected",
         list.path.display()
     );
     let found = list.verify(&scenes);
@@ -111,7 +111,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     write_atomic(&copy, list.bytes())?;
     if exported.without_depth > 0 {
         output::remark(format!(
-            "warning: the dataset has no depth for {}; pair.json lists the files of its pair",
+            "warning: the dataset has no depth for {}; each pair.json lists the files that its pair has",
             counted(exported.without_depth, "view")
         ));
     }

@@ -101,7 +101,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
             ));
         }
         let pairs = imported.pairs.len();
-        summary += &format!("; {} of the datasets", counted(pairs, "pair"));
+        summary += &format!("; {} found in the datasets", counted(pairs, "pair"));
         let (absent, repeated) = (imported.absent.clone(), imported.repeated);
         let ours = imported.list(args.out.as_deref().unwrap_or(&args.list));
         if let Some(out) = &args.out {

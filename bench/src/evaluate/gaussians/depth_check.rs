@@ -88,8 +88,8 @@ pub(super) fn depth_doubt(
         let is_ray = spread >= MIN_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);
         if is_ray && both.len() >= FEWEST_RAYS && !is_unit {
             let text = format!(
-                "its Gaussians are {what} ({id}); no setting corrects this; a ray's length is z times that factor, with x \
-                 and y in focal lengths from the principal point"
+                "its Gaussians are {what} ({id}); no setting corrects this; a ray's length is z times this factor, \
+                 where x and y are distances from the principal point in focal lengths"
             );
             return Some((None, text));
         }

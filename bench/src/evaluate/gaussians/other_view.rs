@@ -48,14 +48,14 @@ impl OtherView<'_> {
         let (id, db) = (&self.view.id, self.fit.psnr());
         if self.is_frame {
             format!(
-                "{shown}; with their means read as in the camera of {id}, they reach {db:.2} dB; either write means \
+                "{shown}; with the means read in the camera space of {id}, they reach {db:.2} dB; either write means \
                  in the space of the source's own camera, or set `space=target` if each pair has a file in its target's \
                  camera"
             )
         } else {
             format!(
-                "{shown}, and that of {id} at {db:.2} dB; perhaps they were predicted from {id}, or files are named after \
-                 the wrong views; name each file after the view that it was predicted from"
+                "{shown}, and the photograph of {id} at {db:.2} dB; perhaps the Gaussians were predicted from {id}, \
+                 or files are named after the wrong views; name each file after the view that it was predicted from"
             )
         }
     }

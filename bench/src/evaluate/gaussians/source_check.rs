@@ -258,8 +258,8 @@ pub(in crate::evaluate) fn absurd_coverage(
         None => "in another unit (`scale=`)".to_owned(),
     };
     let text = format!(
-        "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), \
-         which takes very long to render ({}); perhaps the scales are {cause}",
+        "on average, {:.0} of its Gaussians cover each pixel (half of the Gaussians are wider than {:.3}), \
+         so rendering takes very long ({}); perhaps the scales are {cause}",
         seen.layers,
         middle.unwrap_or_default(),
         source.id
@@ -387,8 +387,9 @@ impl<'a> Findings<'a> {
             _ if let Some(fit) = &self.inverse => (
                 "pose",
                 format!(
-                    "{shown}; with the inverse of its pose, they reach {:.2} dB, so they were moved to world space with the \
-                     world-to-camera extrinsics; no setting corrects this; use camera-to-world",
+                    "{shown}; with the inverse of the source's pose, they reach {:.2} dB, so they were moved to world \
+                     space with world-to-camera extrinsics; no setting corrects this; write them with camera-to-world \
+                     extrinsics",
                     fit.psnr()
                 ),
             ),
@@ -438,7 +439,8 @@ impl<'a> Findings<'a> {
                     format!("with {named}, they reach {:.2} dB", fit.psnr())
                 } else {
                     format!(
-                        "{named} fits better where surfaces face the camera; on slanted ones, nearer Gaussians hide it"
+                        "{named} fits better where surfaces face the camera; on slanted surfaces, nearer Gaussians \
+                         hide the improvement"
                     )
                 };
                 let text = format!("{shown}{holes}; {mended}");
@@ -449,9 +451,9 @@ impl<'a> Findings<'a> {
                 && !self.is_lost =>
             {
                 let text = format!(
-                    "its Gaussians leave {:.0} % of the photograph they were predicted from empty, in large parts full \
-                     of detail ({}); perhaps a part of the file is missing, but if it shows only an object or a crop, \
-                     give the dataset masks of it",
+                    "its Gaussians leave {:.0} % of their source's photograph empty, including large parts full of \
+                     detail ({}); perhaps a part of the file is missing; if the file is meant to show only an object \
+                     or a crop, give the dataset masks of that part",
                     100.0 * missing,
                     self.id
                 );
@@ -460,7 +462,7 @@ impl<'a> Findings<'a> {
             _ if self.is_lost => (
                 "unrelated",
                 format!(
-                    "{shown}, so it is hardly recognisable, and no other reading that was tried is better"
+                    "{shown}, so the photograph is hardly recognisable; no other reading that was tried is better"
                 ),
             ),
             // Holes also lower the contrast.

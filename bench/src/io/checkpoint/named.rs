@@ -21,7 +21,7 @@ pub enum NetworkError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(
-        "{source} (compared with the network `{preset}`); for one of another size, give its configuration with \
+        "{source} (compared with the network `{preset}`); for a network of another size, give its configuration with \
          config=FILE.json#NAME (--config)"
     )]
     Sizes {

@@ -216,7 +216,7 @@ impl Entry {
             let source = source(&self.inputs, target, rule).ok_or_else(|| {
                 let scene = self.scene.as_ref();
                 let what = scene.map_or("train_ids".to_owned(), |key| format!("scene '{key}'"));
-                (self.line, format!("{what} has no such context view"))
+                (self.line, format!("{what} has too few context views"))
             })?;
             Ok(NamedPair {
                 line: self.line,

@@ -189,7 +189,7 @@ impl ForeignList {
                 }
                 (several, key) => {
                     let reason = format!(
-                        "{} matches {} scenes of the datasets; choose with --scenes",
+                        "{} matches {} scenes of the datasets; choose one with --scenes",
                         key.as_ref().map_or(
                             "the list, which has no scene names,".to_owned(),
                             |key| format!("'{key}'")

@@ -115,7 +115,7 @@ fn explain(
             .find(|record| record.name == dataset);
         let format = record.map_or("", |record| &record.format);
         let Some(column) = paper::column(&ReportDataset::of(dataset, format)) else {
-            absent.push(format!("{dataset}: the paper has no such dataset"));
+            absent.push(format!("{dataset}: not a dataset of the paper"));
             continue;
         };
         for (metric, shown) in table.metrics.iter().zip(&columns) {
@@ -183,7 +183,7 @@ fn other_readings(record: &DatasetRecord, column: &str) -> Vec<String> {
                 ""
             };
             format!(
-                "{column} with `{}={}` ({}{differs}) needs a run of its own",
+                "{column} with `{}={}` ({}{differs}) needs a separate run",
                 setting.key, choice.value, choice.meaning
             )
         }));

@@ -231,14 +231,14 @@ fn nearest(all: &[JointReading]) -> TextGrid {
         row
     });
     let title = format!(
-        "{}: the nearest of {} readings of all metrics together",
+        "{}: the nearest of {} joint readings of all metrics",
         all[0].column,
         all.len()
     );
     TextGrid::new(title, &heads, rows).remarked([
         "For each metric, the nearest variant with its value and its distance to the published number. Farthest: \
-         the largest of these distances, in halves of the last printed digit; up to 1, all numbers round to the \
-         published ones."
+         the largest of these distances, in halves of the last published digit; at 1 or less, all numbers round to \
+         the published ones."
             .to_owned(),
     ])
 }

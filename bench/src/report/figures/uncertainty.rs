@@ -150,7 +150,7 @@ pub fn sheet(picture: &RgbImage, maps: &[Mirrored]) -> Result<Sheet, ReportError
         let median = median_of(known);
         let median = median.ok_or_else(|| failed("no pixel has both depths".to_owned()))?;
         let text = format!(
-            "median {median:.3}; {:.1} % of pixels; brightest from {BRIGHTEST} on",
+            "median {median:.3} over {:.1} % of the pixels; brightest from {BRIGHTEST} up",
             100.0 * share
         );
         let colours = false_colours(&difference, |v| (!v.is_nan()).then_some(v / BRIGHTEST));
@@ -190,7 +190,7 @@ mod tests {
         let text = &sheet.rows[0].1[3].text;
         assert_eq!(
             text,
-            "median 0.125; 66.7 % of pixels; brightest from 0.5 on"
+            "median 0.125 over 66.7 % of the pixels; brightest from 0.5 up"
         );
         let other = Mirrored {
             name: String::new(),

@@ -101,12 +101,9 @@ fn coverage(compared: &ChecklistInput<'_>) -> Condition {
         }
     }
     match (partial.is_empty(), compared.missing) {
-        (true, 0) => check(
-            true,
-            "Every row covers all pairs of the datasets that it has.",
-        ),
+        (true, 0) => check(true, "Every row covers all pairs of its datasets."),
         (true, missing) => unmet(format!(
-            "A run has not ended: {} missing.",
+            "A run is unfinished: {} missing.",
             counted(missing, "unit")
         )),
         _ => unmet(format!(
@@ -259,7 +256,7 @@ fn privilege(compared: &ChecklistInput<'_>) -> Condition {
             true,
             "Every row uses the scale of the true depth, or the best of several scales, as do the paper's rows.",
         ),
-        (true, false) => check(true, "No row uses the true depth, nor do the paper's rows."),
+        (true, false) => check(true, "Neither these rows nor the paper's use true depth."),
         (false, true) => unmet(format!(
             "Rows that use neither the scale of the true depth nor a sweep of scales, unlike the paper's: {}.",
             others.join(", ")

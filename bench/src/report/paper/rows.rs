@@ -226,7 +226,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         let places: Option<Vec<(usize, MetricKey)>> = places.collect();
         let places = places.ok_or_else(|| {
             unusable(format!(
-                "it does not have all of the metrics {}",
+                "it must have all of the metrics {}",
                 paper.metrics.join(", ")
             ))
         })?;
@@ -234,7 +234,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         if measured.is_empty() {
             columns = of_row;
         } else if columns != of_row {
-            let reason = "its variants of the metrics differ from those of the previous rows";
+            let reason = "its metric variants differ from those of the previous rows";
             return Err(unusable(reason.to_owned()));
         }
         for line in csv.records() {

@@ -94,7 +94,7 @@ pub(in crate::report) fn table(
     let groups = groups.collect();
     let rows = board.methods.iter().map(|method| Row {
         note: method.unranked.as_ref().map(|reason| {
-            let text = format!("{}: shown without a rank, {reason}.", method.label);
+            let text = format!("{}: shown without a rank, because {reason}.", method.label);
             Table::note(&mut notes, text)
         }),
         ..Row::measured(&method.label, Vec::new())

@@ -134,7 +134,10 @@ pub(super) fn cell_notes(
             format!("{} of {n} pairs", cell.infinite)
         };
         let others = cell.finite_mean.map_or_else(String::new, |mean| {
-            format!("; mean of the others {}", shown(mean, column.decimals))
+            format!(
+                "; the mean of the other pairs is {}",
+                shown(mean, column.decimals)
+            )
         });
         notes.push(format!(
             "Infinite for {of}, so the mean is infinite{others}."

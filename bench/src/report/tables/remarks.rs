@@ -52,7 +52,7 @@ pub(in crate::report) fn scored(
     let parts = parts.map(|(reason, names)| format!("{}: {reason}", names.join(", ")));
     let parts: Vec<String> = parts.collect();
     let text = format!(
-        "Not shown, because they have no number: {}.",
+        "Metrics not shown, because they have no number: {}.",
         parts.join("; ")
     );
     (shown, Some(text))

@@ -51,7 +51,8 @@ fn a_mean_with_an_infinity_is_infinite_and_says_of_how_many() {
         (cell.value, cell.infinite, cell.std),
         (Some(f64::INFINITY), 1, None)
     );
-    let note = "Infinite for 1 of 2 pairs, so the mean is infinite; mean of the others 31.20.";
+    let note =
+        "Infinite for 1 of 2 pairs, so the mean is infinite; the mean of the other pairs is 31.20.";
     assert_eq!(table.notes, [note]);
 }
 

@@ -375,7 +375,7 @@ fn backend_difference([a, b]: &[Manifest; 2]) -> Option<String> {
         }
     };
     let (a, b) = (kind(a), kind(b));
-    (a != b).then(|| format!("the renderer is \"{a}\" in one and \"{b}\" in the other"))
+    (a != b).then(|| format!("the renderer is \"{a}\" in the first and \"{b}\" in the second"))
 }
 
 fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
@@ -395,7 +395,7 @@ fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
     if a.aggregation != Aggregation::default() {
         let (here, there) = (Aggregation::default(), a.aggregation);
         notes.push(format!(
-            "this compares the {here}; the runs' own tables have the {there}"
+            "this comparison uses the {here}; the runs' own tables use the {there}"
         ));
     }
     notes
@@ -489,7 +489,7 @@ fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
     let first = a.symmetric_difference(b).next()?;
     // A run stores the whole list of pairs, even if `--limit` was used.
     let hint = match (only_a, only_b) {
-        (0, _) | (_, 0) => "; if one was run with --limit, run the other with the same limit",
+        (0, _) | (_, 0) => "; if one run used --limit, run the other with the same limit",
         _ => "",
     };
     Some(format!(

@@ -247,7 +247,7 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
     let dataset = &row.dataset;
     if let (Some(p), Some(floor), 2..) = (row.p_sign_flip, row.p_sign_flip_floor, row.n_scenes) {
         remarks.push(format!(
-            "{dataset}: p = {p:.4} by a permutation test that swaps A and B in whole scenes; with {} scenes it \
+            "{dataset}: p = {p:.4} by a permutation test that swaps A and B in whole scenes; with {} scenes, p \
              cannot be below {floor:.4}",
             row.n_scenes
         ));

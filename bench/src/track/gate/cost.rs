@@ -35,7 +35,10 @@ pub(super) fn costs_of(
                 );
                 check.decided(CheckState::NotCompared, reason)
             }
-            (None, None) => check.decided(CheckState::NotCompared, "not measured in both runs"),
+            (None, None) => check.decided(
+                CheckState::NotCompared,
+                "not measured in at least one of the runs",
+            ),
         })
     });
     checks.collect()

@@ -437,7 +437,7 @@ fn gaussians_moved_to_the_world_by_the_inverse_pose_are_named() {
     assert_eq!(said(pose.inverse()), None);
     let text = said(pose).unwrap_or_default();
     assert!(
-        text.contains("with the inverse of its pose, they"),
+        text.contains("with the inverse of the source's pose, they"),
         "{text}"
     );
 }
@@ -446,7 +446,7 @@ fn gaussians_moved_to_the_world_by_the_inverse_pose_are_named() {
 fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
     let round = mapped(&wall(), DAffine3::IDENTITY);
     let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
-    let nothing = "so it is hardly recognisable";
+    let nothing = "so the photograph is hardly recognisable";
     // One Gaussian in forty; the rest of the picture stays black.
     let few = round.filtered(|k| k % 41 == 0);
     assert!(
@@ -483,7 +483,7 @@ fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
 #[test]
 fn a_missing_half_is_named_and_a_sky_without_gaussians_is_not() {
     let round = mapped(&wall(), DAffine3::IDENTITY);
-    let missing = "50 % of the photograph they were predicted from empty";
+    let missing = "50 % of their source's photograph empty";
     for keeps in [|k: usize| k < 640, |k: usize| k % 40 >= 20] {
         let said = doubt_about(round.filtered(keeps)).unwrap_or_default();
         assert!(said.contains(missing), "{said}");
@@ -817,7 +817,7 @@ fn another_view_as_the_source_is_named_and_not_called_a_shift() {
     }
     let text = pair.said(colored);
     assert!(
-        text.contains("perhaps they were predicted from r,"),
+        text.contains("perhaps the Gaussians were predicted from r,"),
         "{text}"
     );
     // Means in the right camera.
@@ -828,7 +828,7 @@ fn another_view_as_the_source_is_named_and_not_called_a_shift() {
     };
     let text = pair.said(placed);
     assert!(
-        text.contains("with their means read as in the camera of r, they"),
+        text.contains("with the means read in the camera space of r, they"),
         "{text}"
     );
     // A wrong focal length is a single cause.
