@@ -72,27 +72,27 @@ pub(super) struct MetricsArgs {
     /// How to pair the pictures of two folders
     #[arg(long = "match", value_enum, default_value_t = MatchBy::Stem)]
     match_by: MatchBy,
-    /// Also score inside a mask, under keys ending in @mask: one picture for all pairs, or a folder with one per pair
+    /// Also score inside a mask, under keys ending in @mask: one mask for all pairs, or a folder with a mask for each
+    /// pair
     ///
     /// Only white pixels (levels of 128 and more) are scored. PSNR uses the squared error of the pixels
     /// inside; SSIM is the mean of the SSIM map over the window centres inside; LPIPS is the mean of the
     /// LPIPS map over the pixels inside; DISTS has no masked form.
     #[arg(long, value_name = "FILE|DIR")]
     mask: Option<PathBuf>,
-    /// Write maps of the difference, of SSIM and of LPIPS for each pair: as PNG, dark where the
-    /// pictures agree and bright where they differ (--json has the values of both extremes), and as
-    /// EXR with the values
+    /// Write maps of the difference, SSIM and LPIPS of each pair, as PNG and EXR. A PNG is dark where the pictures
+    /// agree and bright where they differ (--json has the values of both extremes); an EXR has the values themselves
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
     /// Show the terms of LPIPS and DISTS, layer by layer
     #[arg(long)]
     terms: bool,
-    /// Find which of the selected metrics, or variants in other packages, give this number when
-    /// rounded or truncated to its number of decimals
+    /// Find the selected metrics, and variants in other packages, whose value equals this number when rounded or
+    /// truncated to as many decimals
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     find: Option<find::Sought>,
-    /// First resize each prediction to the size of its target with this kernel of torch, PIL or OpenCV; recorded with
-    /// the results
+    /// Resize each prediction to the size of its target first, with this kernel of torch, PIL or OpenCV; the results
+    /// record the kernel
     ///
     /// bilinear and bilinear-antialias are those of torch's interpolate, bicubic and lanczos are PIL's; area is
     /// OpenCV's and can only downscale. Without this option, unequal sizes are an error.
@@ -105,13 +105,13 @@ pub(super) struct MetricsArgs {
     /// How to treat pictures whose colour profile is not sRGB: convert (to sRGB) or as-stored
     #[arg(long, value_name = "RULE", default_value_t)]
     color: ColorRule,
-    /// How to treat pictures with an EXIF orientation: upright (auto does the same here) or stored (not turned)
+    /// How to treat pictures with an EXIF orientation: upright or auto (turn upright), or stored (do not turn)
     #[arg(long, value_name = "RULE", default_value_t)]
     orientation: OrientationRule,
     /// Transfer function of EXR files that do not state one: linear (as most programs write) or srgb (encoded values)
     #[arg(long, value_name = "TRANSFER")]
     exr: Option<ExrTransfer>,
-    /// Class of CPU kernels for the networks: avx512, avx2 or portable [default: the machine's fastest]
+    /// Instruction set of the CPU kernels for the networks: avx512, avx2 or portable [default: the machine's fastest]
     #[arg(long, value_name = "SET")]
     simd: Option<InstructionSet>,
     /// Use direct instead of Winograd convolution: slower, smaller rounding errors

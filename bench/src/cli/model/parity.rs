@@ -27,8 +27,8 @@ use crate::io::gaussian_files;
 use crate::pictures::keyed_scores::json_number;
 use crate::rendering::SharedRenderer;
 
-/// Compare a network with a recording, stage by stage, and report the first stage that diverges; or
-/// compare a port's Gaussians with ours
+/// Compare a network with a recording, stage by stage, and report the first stage that diverges; or compare the
+/// Gaussians of a port of SHARP with those of sharp-bench
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -61,7 +61,7 @@ pub(crate) struct ParityArgs {
     /// Compare with this recording, stage by stage
     #[arg(long, value_name = "REC.safetensors", required_unless_present = "port")]
     golden: Option<PathBuf>,
-    /// Compare this file of a port's Gaussians, in any format; --color-space, --read and --axes describe it
+    /// Compare this file of a port's Gaussians, in any format; --color-space, --read and --axes describe the file
     #[arg(long, value_name = "FILE", conflicts_with = "golden")]
     port: Option<PathBuf>,
     /// Compare --port with this PLY, predicted from the same photograph by the release or by `predict` [default:

@@ -95,14 +95,14 @@ pub(super) struct RenderArgs {
     /// movie)
     #[arg(long)]
     depth: bool,
-    /// Depths shown as dark red and dark blue, the ends of the colour scale, in metres [default:
-    /// the 0.001 and 0.999 quantiles of all Gaussians in front of the camera]
+    /// Depths in metres at the ends of the colour scale: NEAR is dark red, FAR dark blue [default: the 0.001 and 0.999
+    /// quantiles of all Gaussians in front of the camera]
     #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = args::depth_range)]
     depth_range: Option<[f32; 2]>,
     /// Also write coverage as linear grey levels (.alpha.png, or a movie)
     #[arg(long)]
     alpha: bool,
-    /// Render one of SHARP's two layers alone, by index (the first or second half of the Gaussians), or `all` into
+    /// Render only layer 0 or 1 of SHARP's two layers (the first or second half of the Gaussians), or `all` layers into
     /// separate files
     #[arg(long, value_name = "0|1|all")]
     layer: Option<Layers>,
