@@ -38,7 +38,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     settings: &[
         Setting::choice(
             "split",
-            "which part of Booster, by the folder's name; a folder with neither name is always read",
+            "which part of Booster to read, named like its folder; a folder with neither name is always read",
             &[
                 choice(
                     "train",
@@ -49,7 +49,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::choice(
             "set",
-            "which camera pair, by the folder's name",
+            "which camera pair to read, named like its folder",
             &[
                 choice("balanced", "two cameras of the same kind"),
                 proxy("unbalanced", "the second camera is smaller"),

@@ -120,7 +120,7 @@ format!(
         )
     };
     Some(format!(
-        "{what}, and no known correction explains it; {lines}{misses}; {n} of the {judged} pairs of neighbouring views \
-         that can be judged show such contradictions; {causes}"
+        "{what}, and no known correction explains it: {lines}{misses}; {n} of the {judged} pairs of neighbouring \
+         views that can be judged are inconsistent; {causes}"
     ))
 }
