@@ -17,7 +17,7 @@ use crate::report::paper::published::MadeBy;
 use crate::report::paper::{TABLES, published};
 use crate::scoring::Scoring;
 
-/// Explain why a number differs from the published one
+/// Explain why a score differs from the published number
 ///
 /// A published number depends on how its protocol is read. Rescores a run's kept predictions under every such reading
 /// that needs no new prediction. Readings differ in metric variants, masks, conversion to 8 bits (rounded, truncated or

@@ -45,8 +45,8 @@ use crate::report::metrics_text::MethodsText;
 /// Score a prediction against a target: two pictures, or two folders
 ///
 /// Pictures are PNG, JPEG, WebP, TIFF or BMP, or floats [H,W,3] of sRGB values in 0..1 in .exr, .npy or .safetensors.
-/// Sizes must agree unless --resize-prediction is given. Folders are searched with their subfolders, and every picture
-/// needs a partner.
+/// Sizes must agree unless --resize-prediction is given. Folders are searched recursively, and every picture must have
+/// a counterpart in the other folder.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -58,8 +58,8 @@ Examples:
   sharp-bench metrics --explain --metrics all
   sharp-bench metrics --methods-text --metrics lpips-alex,dists
 
-If a metric named explicitly cannot be computed, the command fails; within `all` and `paper`, it is listed as
-unavailable, with the reason.")]
+If a metric that is named explicitly cannot be computed, the command fails. A metric of `all` or `paper` that cannot be
+computed is listed as unavailable, with the reason.")]
 pub(super) struct MetricsArgs {
     /// The prediction: a picture or a folder
     #[arg(required_unless_present_any = ["explain", "methods_text"])]
@@ -98,8 +98,8 @@ pub(super) struct MetricsArgs {
     /// OpenCV's and can only downscale. Without this option, unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
-    /// How to treat pictures that are not opaque: refuse, black or white (composite over it, in encoded values), or
-    /// drop (colours as stored)
+    /// How to treat pictures that are not opaque: refuse, black or white (composite over this colour, in encoded
+    /// values), or drop (use the colours as stored)
     #[arg(long, value_name = "RULE", default_value_t)]
     alpha: AlphaRule,
     /// How to treat pictures whose colour profile is not sRGB: convert (to sRGB) or as-stored
@@ -114,7 +114,7 @@ pub(super) struct MetricsArgs {
     /// Instruction set of the CPU kernels for the networks: avx512, avx2 or portable [default: the machine's fastest]
     #[arg(long, value_name = "SET")]
     simd: Option<InstructionSet>,
-    /// Use direct instead of Winograd convolution: slower, smaller rounding errors
+    /// Use direct convolution instead of Winograd convolution: slower, but with smaller rounding errors
     #[arg(long)]
     exact: bool,
     /// Write a CSV with a row per pair; unavailable scores are empty

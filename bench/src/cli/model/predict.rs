@@ -60,8 +60,7 @@ pub(crate) struct PredictArgs {
     /// Also write both depth layers next to the PLY
     #[arg(long, value_enum, value_name = "FORM")]
     pub(super) depth: Option<DepthForm>,
-    /// Write only depth, predicted by a checkpoint of Depth Pro; files in a folder are .exr unless --depth says
-    /// otherwise
+    /// Write only depth, predicted by a checkpoint of Depth Pro; files in a folder are .exr unless --depth is given
     #[arg(long, requires = "checkpoint", conflicts_with = "plain")]
     depth_only: bool,
     /// Print JSON
