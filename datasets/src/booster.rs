@@ -42,7 +42,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             &[
                 choice(
                     "train",
-                    "with ground truth: the paper's privileged depth needs it",
+                    "with ground truth, which the paper's privileged depth needs",
                 ),
                 proxy("test", "without ground truth"),
             ],

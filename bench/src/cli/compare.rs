@@ -30,10 +30,10 @@ Examples:
   sharp-bench compare runs/all --method depth-splat=sharp
   sharp-bench compare runs/v1 runs/v2 --anatomy --out v1-v2")]
 pub(super) struct CompareArgs {
-    /// Run folder A, the earlier one
+    /// Run folder A, the earlier run
     #[arg(value_name = "A")]
     a: PathBuf,
-    /// Run folder B, the later one [default: A itself]
+    /// Run folder B, the later run [default: A itself]
     #[arg(value_name = "B")]
     b: Option<PathBuf>,
     /// Compare method OLD of A with method NEW of B [default: methods with the same label, or each run's only method]

@@ -60,7 +60,7 @@ enum FigureCommand {
     Baselines(RunsArgs),
     /// DISTS against the camera baseline, for methods that do not use the source's true depth
     Motion(RunsArgs),
-    /// DISTS against the camera baseline, for methods that use the source's true depth or its scale
+    /// DISTS against the camera baseline, for methods that use the source's true depth or the scale of that depth
     MotionPrivileged(RunsArgs),
     /// A metric against seconds per pair, on a logarithmic axis
     FidelityTime {

@@ -41,7 +41,7 @@ Example:
 
 #[derive(Debug, Args)]
 struct ShardArgs {
-    /// The plan's run folder, by its path on the nodes
+    /// The plan's run folder, as a path on the nodes
     #[arg(long, value_name = "DIR")]
     plan: PathBuf,
     /// Number of shards. Each shard loads the models again, so make the shards large enough to run for minutes

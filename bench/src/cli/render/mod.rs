@@ -54,7 +54,7 @@ pub(super) struct RenderArgs {
     scene: PathBuf,
     #[command(flatten)]
     reading: ReadingArgs,
-    /// The camera [default: the one in the PLY]
+    /// The camera [default: the camera in the PLY]
     #[arg(long, value_name = "CAM.json")]
     camera: Option<PathBuf>,
     /// Output: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames

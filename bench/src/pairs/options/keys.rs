@@ -22,8 +22,8 @@ pub(super) const MEANINGS: [&str; 20] = [
     "whether to keep a last set with fewer views than the others",
     "number of sets used per scene, from the first on",
     "whether two views make pairs in both directions, or only from the earlier to the later view",
-    "what to do with views without depth: exclude them from pairs, accept their pairs without an overlap, or leave \
-     them out before sets are formed",
+    "what to do with views without depth: exclude them from pairs, accept their pairs without measuring overlap, or \
+     leave them out before sets are formed",
     "source of the depth that decides overlap; sparse alone means sparse:8",
     "when a pixel counts as seen, given its depth z in the other view and that view's depth D at the same place: \
      consistent, if |D - z| <= RELATIVE * z; frustum, always; absolute, if |D - z| < METRES + RELATIVE * z and z > \
