@@ -38,18 +38,18 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     settings: &[
         Setting::choice(
             "split",
-            "which part of Booster, by the folder's name; a folder with neither name is always read",
+            "which part of Booster to read, named like its folder; a folder with neither name is always read",
             &[
                 choice(
                     "train",
-                    "with ground truth: the paper's privileged depth needs it",
+                    "with ground truth, which the paper's privileged depth needs",
                 ),
                 proxy("test", "without ground truth"),
             ],
         ),
         Setting::choice(
             "set",
-            "which camera pair, by the folder's name",
+            "which camera pair to read, named like its folder",
             &[
                 choice("balanced", "two cameras of the same kind"),
                 proxy("unbalanced", "the second camera is smaller"),

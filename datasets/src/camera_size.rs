@@ -94,7 +94,7 @@ impl CameraSizes {
             .iter()
             .map(|((from, to), count)| {
                 format!(
-                    "{}: {count} camera(s) calibrated for {}x{} were scaled to the pictures' {}x{}",
+                    "{}: {count} camera(s) calibrated for {}x{} were scaled to the pictures' size, {}x{}",
                     self.file.display(),
                     from.0,
                     from.1,
@@ -121,7 +121,7 @@ pub(crate) fn check_size(
             } else {
                 "use pictures of the camera's size, or a calibration for this size"
             };
-            let reason = format!("{reason}, by the same ratio on both axes; {helps}");
+            let reason = format!("{reason} (the ratio is the same on both axes); {helps}");
             DatasetError::malformed(path, reason)
         }
         error => error,

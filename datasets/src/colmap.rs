@@ -35,7 +35,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "model",
-            "folder of the model, relative to the scene's folder, e.g. sparse/1 (first: the first one found)",
+            "folder of the model, relative to the scene's folder, e.g. sparse/1 (first: the first model found)",
             "first",
         ),
         Setting::choice(
@@ -55,7 +55,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "depth-unit",
-            "metres per unit of the maps in depth/, whatever their file format",
+            "metres per unit of the maps in depth/, for any file format",
             "0.001",
         ),
         DepthKind::SETTING,

@@ -235,7 +235,7 @@ pub(crate) enum DepthKind {
 impl DepthKind {
     pub(crate) const SETTING: Setting = Setting::choice(
         "depth-kind",
-        "what the depth maps hold",
+        "which quantity the depth maps contain",
         &[
             choice("z", "depth along the camera's axis"),
             choice("ray", "the length of the ray to the point"),

@@ -139,7 +139,8 @@ fn read_scene(
         Some(colmap::read_model_in(root, &stored_folder)?)
     } else {
         scene.notes.push(format!(
-            "{id}: no dslr_calibration_jpg, without which the published depth cannot be placed"
+            "{id}: no dslr_calibration_jpg, which is needed to place the published depth in the pictures, so there is \
+             no depth"
         ));
         None
     };

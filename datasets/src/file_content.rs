@@ -46,7 +46,7 @@ impl FileContent {
         checked.map_err(|error| match error {
             DatasetError::Malformed { path, reason } if other == self.geometry.size => {
                 let hint = format!(
-                    "by its EXIF orientation {} it is {}x{} (orientation=auto)",
+                    "turned by its EXIF orientation {}, it would be {}x{} (orientation=auto)",
                     header.orientation, other.0, other.1
                 );
                 DatasetError::malformed(path, format!("{reason}; {hint}"))

@@ -40,7 +40,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     settings: &[
         Setting::choice(
             "scenes",
-            "which scenes, by the folder's name without -perfect or -imperfect",
+            "which scenes to read, named like their folders without -perfect or -imperfect",
             &[
                 choice("found", "every scene folder found"),
                 choice("training15", "the 15 of MiddEval3's training set"),
@@ -49,8 +49,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         .left_open(),
         Setting::choice(
             "rectification",
-            "which of the two rectifications of a scene (folders without the suffix are always \
-             read)",
+            "which of a scene's two rectifications to read (folders with neither suffix are always read)",
             &[
                 choice(
                     "one",
@@ -64,7 +63,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         .left_open(),
         Setting::choice(
             "right",
-            "which right picture is the target",
+            "which picture of the right camera is the target",
             &[
                 choice("im1", "the default exposure and lighting"),
                 proxy("im1E", "another exposure, if available"),
@@ -126,11 +125,10 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         if spec.setting("scenes") == "training15" && !is_training15(id) {
             found.rule_out(
                 id,
-                "scenes=training15, and it is not in MiddEval3's training set",
+                "not in MiddEval3's training set, as scenes=training15 requires",
             );
         } else if other && rectification == "one" {
-            let reason =
-                "rectification=one, and <Scene>-perfect exists (rectification=any would read both)";
+            let reason = "rectification=one reads only <Scene>-perfect if it exists (rectification=any reads both)";
             found.rule_out(id, reason);
         } else if other {
             found.rule_out(id, format!("rectification={rectification}"));

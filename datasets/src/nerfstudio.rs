@@ -32,7 +32,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         Setting::free("scale", "metres per unit of the poses", "1"),
         Setting::free(
             "depth-unit",
-            "metres per unit of the depth maps, whatever their file format (as nerfstudio does)",
+            "metres per unit of the depth maps, for any file format (as in nerfstudio)",
             "0.001",
         ),
         DepthKind::SETTING,
@@ -55,8 +55,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "keep-black",
-                    "as keep-white, but excludes pixels where a mask is 128 or more: for masks that \
-                     mark the pixels to exclude",
+                    "like keep-white, but pixels where a mask is 128 or more are excluded: for masks that mark the \
+                     pixels to exclude",
                 ),
                 choice("apply", "as keep-white"),
             ],
@@ -112,8 +112,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         };
         found.add(root.id_of(folder), scene);
     }
-    let expected = "transforms.json or transforms_train.json, up to three levels down; a file of \
-                    another name can be given itself as the path";
+    let expected = "transforms.json or transforms_train.json, up to three levels down; to read a file of another \
+                    name, give its path";
     spec.conclude(found, expected, search.unsearched)
 }
 
@@ -183,8 +183,8 @@ fn read_scene(
         scene.notes.extend(scene_notes::unread_masks(folder, hint));
     } else if reader.masks.is_none() {
         scene.notes.push(format!(
-            "{}: {masks} frame(s) have a mask, which is not used; masks=keep-white excludes its black pixels from \
-             scores, masks=keep-black its white ones",
+            "{}: {masks} frame(s) have a mask, which is not used; masks=keep-white would exclude black pixels from \
+             scores, masks=keep-black white pixels",
             json.display()
         ));
     }
@@ -201,8 +201,12 @@ fn read_scene(
         ));
     }
     let mut folders = vec![(scene.folder_of_pictures(), "are not listed by any frame")];
-    let depth =
-        ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
+    let depth = ["depth", "depths"].map(|name| {
+        (
+            folder.join(name),
+            "are not the depth_file_path of any frame",
+        )
+    });
     folders.extend(depth);
     folders.retain(|(unused, _)| unused != folder);
     // A file for a single split does not list all pictures, so no note is made about pictures that

@@ -109,9 +109,9 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
         let have = format!("pictures: {count} of {of} have the EXIF orientation {orientation}");
         match (is_turned, fits_both && rules.orientation == OrientationRule::Auto) {
             (true, _) => scene.notes.push(format!(
-                "{have} and are turned upright, as their cameras are (orientation=stored would read them as stored)"
+                "{have} and are turned upright, which fits their cameras (orientation=stored would not turn them)"
             )),
-            (false, false) => scene.notes.push(format!("{have} and are read as stored, as their cameras are")),
+            (false, false) => scene.notes.push(format!("{have} and are read as stored, which fits their cameras")),
             (false, true) => scene.warnings.push(format!(
                 "{have} and are read as stored, as COLMAP and nerfstudio do; if their cameras are \
                  for the upright pictures, set orientation=upright (orientation=stored confirms the current \
@@ -219,14 +219,13 @@ fn processing(scene: &Scene) -> Vec<String> {
     let masked = masked.count();
     if masked > 0 {
         notes.push(format!(
-            "masks: {masked} of {all} pictures have one; excluded pixels are black and without \
-             depth"
+            "masks: {masked} of {all} pictures have a mask; excluded pixels are black and without depth"
         ));
     }
     let lacking = without_depth(&scene.views);
     if scene.pairing == Pairing::MultiView && (1..all).contains(&lacking) {
         notes.push(format!(
-            "depth: {lacking} of {all} pictures have none ({})",
+            "depth: {lacking} of {all} pictures have no depth ({})",
             first_without_depth(&scene.views)
         ));
     }

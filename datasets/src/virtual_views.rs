@@ -133,7 +133,7 @@ impl Options {
             _ => &["step"],
         };
         if let Some(key) = unused.iter().find(|key| spec.setting(key) != "auto") {
-            return Err(spec.refused(format!("path={path} does not use '{key}'; leave it out")));
+            return Err(spec.refused(format!("path={path} does not use '{key}'; omit '{key}'")));
         }
         let kind = TrajectoryKind::ALL.into_iter().find(|k| k.name() == path);
         let path = match (path, kind) {

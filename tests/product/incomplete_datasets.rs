@@ -139,7 +139,7 @@ fn of_two_rectifications_one_counts_and_a_list_that_names_the_other_is_refused()
         "p.csv:2",
         "'A-imperfect'",
         "excluded: rectification=one",
-        "any would read both",
+        "any reads both",
     ];
     run(dir, &["--pairs", "p.csv"]).is_error_with(&refused);
 }

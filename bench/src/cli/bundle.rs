@@ -22,7 +22,7 @@ pub(super) struct BundleArgs {
     /// The bundle to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Include the time and memory of predictions, as needed by a gate with limits on seconds_per_pair or peak_memory
+    /// Include the time and memory of predictions, which limits of `gate` on seconds_per_pair or peak_memory need
     #[arg(long)]
     times: bool,
     /// Print JSON

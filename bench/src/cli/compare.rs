@@ -20,8 +20,8 @@ use crate::track::compare::{CompareError, Practical, RunComparison, both_sides, 
 ///
 /// Differences are B − A over the same pairs. Pairs of one physical scene are correlated, so significance is computed
 /// over scenes. The verdict on B is `better` or `worse` if p < 0.05 after Holm's correction over the datasets of a
-/// metric. Otherwise, it is `none` if all scores are equal or every difference in the confidence interval is too small
-/// to matter (--practical), and `inconclusive` if not.
+/// metric. Otherwise, the verdict is `none` if all scores are equal or every difference in the confidence interval is
+/// too small to matter (--practical), and else `inconclusive`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -30,14 +30,13 @@ Examples:
   sharp-bench compare runs/all --method depth-splat=sharp
   sharp-bench compare runs/v1 runs/v2 --anatomy --out v1-v2")]
 pub(super) struct CompareArgs {
-    /// Run folder A, the earlier one
+    /// Run folder A, the earlier run
     #[arg(value_name = "A")]
     a: PathBuf,
-    /// Run folder B, the later one [default: A itself]
+    /// Run folder B, the later run [default: A itself]
     #[arg(value_name = "B")]
     b: Option<PathBuf>,
-    /// Compare a method of A with one of B [default: methods with the same label, or each run's
-    /// only method]
+    /// Compare method OLD of A with method NEW of B [default: methods with the same label, or each run's only method]
     #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
     compared: Vec<(String, String)>,
     #[command(flatten)]
@@ -48,14 +47,14 @@ pub(super) struct CompareArgs {
     /// Also show means by scene, baseline, rotation, overlap and relative motion
     #[arg(long)]
     breakdown: bool,
-    /// Also list the pairs on which two of the compared methods swap places: one scores better in A, the other in B
+    /// Also list the pairs on which two of the compared methods swap ranks: one scores better in A, the other in B
     #[arg(long)]
     flips: bool,
-    /// Also show the error by kind of pixel: visible in the source, hidden, outside, or near a depth edge. Needs both
-    /// runs' kept pictures and datasets with depth
+    /// Also show the error by kind of pixel: visible in the source, hidden, outside the source's picture, or near a
+    /// depth edge. Needs datasets with depth, and the kept pictures of both runs
     #[arg(long)]
     anatomy: bool,
-    /// Weights file of a network behind LPIPS, for --anatomy: NAME=FILE. Needed if the runs used other weights than
+    /// Weights file of a network that LPIPS uses, for --anatomy: NAME=FILE. Needed if the runs used weights other than
     /// those found on this machine; repeatable
     #[arg(long, value_name = "NAME=FILE", requires = "anatomy")]
     weights: Vec<String>,

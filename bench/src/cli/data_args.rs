@@ -15,7 +15,7 @@ pub(super) struct DatasetArgs {
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
     #[arg(long = "dataset", value_name = "SPEC", required = true, value_parser = clap_dataset)]
     pub(super) datasets: Vec<DatasetConfig>,
-    /// Only scenes whose id matches this pattern; `*` and `?` are wildcards
+    /// Use only scenes whose id matches this pattern; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB")]
     pub(super) scenes: Option<String>,
 }

@@ -17,14 +17,14 @@ use crate::report::{Layout, PictureBudget, ReportOptions, report};
 
 /// Try sharp-bench on bundled data: evaluate, tabulate, plot
 ///
-/// Evaluates the bundled small network twice, with and without the scale of the true depth, and two methods that use no
-/// network. The data are four real stereo pairs of Middlebury with measured depth, and a procedural multi-view scene.
-/// Writes a report and downloads nothing. The network has SHARP's architecture but was trained on procedural scenes; it
-/// is not Apple's model.
+/// Evaluates the bundled small network twice, once as predicted and once scaled to the true depth, and two methods
+/// without a network. The data are four real stereo pairs of Middlebury with measured depth, and a procedural
+/// multi-view scene. Writes a report and downloads nothing. The network has SHARP's architecture but was trained on
+/// procedural scenes; it is not Apple's model.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench demo --out demo-run")]
 pub(super) struct DemoArgs {
-    /// Folder for data, run and report
+    /// Folder for the data, the run and the report
     #[arg(long, value_name = "DIR", default_value = "demo-run")]
     out: PathBuf,
     #[command(flatten)]

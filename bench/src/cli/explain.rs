@@ -17,14 +17,14 @@ use crate::report::paper::published::MadeBy;
 use crate::report::paper::{TABLES, published};
 use crate::scoring::Scoring;
 
-/// Explain why a number differs from the published one
+/// Explain why a score differs from the published number
 ///
-/// Rescores a run's kept predictions under every reading (interpretation of the protocol) that needs no new prediction.
-/// Readings differ in: the variants of the metrics; masks; conversion to 8 bits (rounded, truncated or none); division
-/// of colours by alpha; cropping of borders; the averaging rule; and whether only the first of several scenes of one
-/// place counts. Each cell of the paper's row gets a verdict: equal after rounding, ambiguous (the candidates are
-/// listed), or inside or outside the range of the readings. Readings that need other pairs or pictures are listed as
-/// not computed.
+/// A published number depends on how its protocol is read. Rescores a run's kept predictions under every such reading
+/// that needs no new prediction. Readings differ in metric variants, masks, conversion to 8 bits (rounded, truncated or
+/// none), division of colours by alpha, cropping of borders, the averaging rule, and whether only the first of several
+/// scenes of one place counts. Each number of the published row gets a verdict: equal to one reading after rounding,
+/// ambiguous (equal to several, which are listed), or inside or outside the range of the readings. Readings that need
+/// other pairs or pictures are listed as not computed.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -35,7 +35,7 @@ Examples:
 Writes explain.md and readings.csv, one line per reading. Without --keep float, truncation and division by alpha are not
 computed.")]
 pub(super) struct ExplainArgs {
-    /// A table of scores, by its name in `table list`
+    /// Name of a table of scores; `table list` shows the names
     #[arg(value_name = "TABLE")]
     table: String,
     /// Run folders; name the method if a run has several
@@ -47,7 +47,7 @@ pub(super) struct ExplainArgs {
     /// Variants of the metrics to try
     #[arg(long, value_name = "LIST", default_value = "all,all@frustum")]
     metrics: String,
-    /// Weights file of a network behind LPIPS or DISTS: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
+    /// Weights file of a network that LPIPS or DISTS uses: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
     #[arg(long, value_name = "NAME=FILE")]
     weights: Vec<String>,
     /// Write explain.md and readings.csv into this folder

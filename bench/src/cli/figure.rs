@@ -60,7 +60,7 @@ enum FigureCommand {
     Baselines(RunsArgs),
     /// DISTS against the camera baseline, for methods that do not use the source's true depth
     Motion(RunsArgs),
-    /// DISTS against the camera baseline, for methods that use the source's true depth or its scale
+    /// DISTS against the camera baseline, for methods that use the source's true depth or the scale of that depth
     MotionPrivileged(RunsArgs),
     /// A metric against seconds per pair, on a logarithmic axis
     FidelityTime {
@@ -69,8 +69,8 @@ enum FigureCommand {
         /// A metric of the runs
         #[arg(long, default_value_t = MetricKey::DISTS)]
         metric: MetricKey,
-        /// An output folder of `speed`, or its speed.csv. For the methods and datasets in it, these times replace those
-        /// recorded in the run
+        /// An output folder of `speed`, or its speed.csv. These times replace the times recorded in the run, for the
+        /// methods and datasets that `speed` measured
         #[arg(long, value_name = "PATH")]
         speed: Option<PathBuf>,
     },
@@ -88,14 +88,14 @@ enum FigureCommand {
         #[command(flatten)]
         pairs: PairsChoice,
     },
-    /// A source's targets at growing baselines as columns, methods as rows
+    /// Methods as rows, targets of one source at growing baselines as columns
     ExtendedMotion {
         #[command(flatten)]
         pictures: PicturesArgs,
         #[command(flatten)]
         path: PathChoice,
     },
-    /// Input, view and inverse depth
+    /// Input, predicted view and inverse depth of one method
     Failure {
         #[command(flatten)]
         pictures: PicturesArgs,
@@ -147,11 +147,11 @@ struct UncertaintyArgs {
     /// Depth of the picture: .npy, .npz, .exr, .pfm (metres) or 16-bit .png (millimetres)
     #[arg(long, value_name = "FILE", requires = "mirrored")]
     depth: Option<PathBuf>,
-    /// The depth predicted for the mirrored picture, still mirrored
+    /// The depth predicted for the mirrored picture, not mirrored back
     #[arg(long, value_name = "FILE", requires = "depth")]
     mirrored: Option<PathBuf>,
-    /// A checkpoint of SHARP or Depth Pro, or mini, that predicts both depths; the figure has a row for each of SHARP's
-    /// two layers
+    /// A checkpoint of SHARP or Depth Pro, or mini, to predict both depths with; for SHARP, the figure has a row for
+    /// each of the two layers
     #[arg(
         long,
         value_name = "FILE",

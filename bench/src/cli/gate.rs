@@ -18,8 +18,8 @@ use crate::track::gate::{CheckState, GateConfig, GateError, GateReport, Limit, g
 /// Compare a run with a baseline in continuous integration: exit code 3 if the run is worse than the limits allow
 ///
 /// A limit fires if B is worse than A by more than the limit, on a dataset or over all datasets, with p < 0.05 after
-/// Holm's correction. Limits marked `per scene` fire whatever p is. Without any limits, every significant loss fires.
-/// Missing scores count as violations. Exit code 5: no limit fired, but at least one cannot be decided.
+/// Holm's correction. Limits marked `per scene` fire for any p. If no limits are given, every significant loss fires.
+/// Missing scores count as violations. Exit code 5 means that no limit fired, but at least one limit cannot be decided.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Limits:
@@ -27,7 +27,8 @@ Limits:
   psnr < -0.1 on eth3d       on one dataset; `on all` is the mean of the datasets
   psnr < -1 per scene        on the mean of each scene, significant or not
   |lpips| > 0.005            in either direction
-  seconds_per_pair > +10 %   more than A, on the same class of device; also peak_memory
+  seconds_per_pair > +10 %   10 % more than A, measured on the same class of device
+  peak_memory > +10 %        likewise
 
 Examples:
   sharp-bench gate --baseline main.zip --candidate runs/now \\
@@ -51,8 +52,7 @@ pub(super) struct GateArgs {
     /// Exit code 5 if the runs have too little data to detect a difference of this size, as in psnr=0.5,lpips=0.01
     #[arg(long, value_name = "METRIC=D", value_delimiter = ',', value_parser = power)]
     require_power: Vec<(MetricName, f64)>,
-    /// Compare a method of A with one of B [default: methods with the same label, or each run's
-    /// only method]
+    /// Compare method OLD of A with method NEW of B [default: methods with the same label, or each run's only method]
     #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
     methods: Vec<(String, String)>,
     /// Write JUnit XML

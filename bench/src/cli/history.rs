@@ -14,9 +14,9 @@ use crate::track::history::{self, HistoryError};
 
 /// Track runs over time: means with intervals, and which run changed them
 ///
-/// A history is a folder with one small file per run: a bundle of the run's scores with label, commit and
-/// date. Entries are numbered in the order in which they were added and are never changed. Damaged
-/// entries are reported with exit code 4; the others are still used.
+/// A history is a folder with one small file per run: a bundle of the run's scores with label, commit and date. Entries
+/// are numbered in the order in which they were added and are never changed. Damaged entries are reported, and the exit
+/// code is 4; the other entries are still used.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -11,9 +11,9 @@ use crate::io::counts::counted;
 
 /// Join run folders
 ///
-/// Results that occur in several folders are kept once; all other pairs, methods and datasets are combined;
-/// contradictions are an error. For a single folder without --out, the tables are rewritten from the results in the
-/// folder's units/.
+/// The joined folder has the pairs, methods and datasets of all folders. Results that occur in several folders are kept
+/// once; contradicting results are an error. For a single folder without --out, the tables are rewritten from the
+/// results in the folder's units/.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -54,7 +54,7 @@ use outcome::{Outcome, UsageError, is_stopped, is_usage};
     version,
     about,
     arg_required_else_help = true,
-    after_help = "Exit codes: 0 all well · 1 could not finish · 2 usage · 3 a gate fired · \
+    after_help = "Exit codes: 0 success · 1 error · 2 wrong usage · 3 a gate fired · \
                   4 finished with recorded failures · 5 a gate cannot decide · \
                   75 stopped early, the same command continues\n\n\
                   Start with: sharp-bench demo"

@@ -10,8 +10,8 @@ use crate::protocols::{PROTOCOLS, PairRule, Protocol};
 
 /// List published evaluation protocols, or show one
 ///
-/// `run --protocol NAME` adopts the protocol's metrics, picture sizes, masks, rounding and averages. The report
-/// states where sharp-bench differs.
+/// `run --protocol NAME` adopts the protocol's metrics, picture sizes, masks, rounding and averages. The report states
+/// where sharp-bench differs from the original evaluation.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

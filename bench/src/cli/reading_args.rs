@@ -7,11 +7,11 @@ use crate::methods::file_reading::Axes;
 
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ReadingArgs {
-    /// Encoding of the colours, for a PLY that does not state one: linear or srgb
+    /// Encoding of the colours, for a PLY that does not state it: linear or srgb
     #[arg(long, value_name = "SPACE")]
     color_space: Option<ColorSpace>,
-    /// How the Gaussian file stores numbers: opacity=linear, scales=linear, quaternions=xyzw, colors=rgb01,
-    /// harmonics=drop, as in --method gaussians
+    /// How the Gaussian file stores its values, as in --method gaussians: opacity=linear, scales=linear,
+    /// quaternions=xyzw, colors=rgb01, harmonics=drop
     #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = setting)]
     read: Vec<(String, String)>,
     /// Axes of the Gaussian file: rdf (OpenCV's, usual in PLY files), rub (OpenGL's), luf or ldb. Required for

@@ -16,9 +16,9 @@ use crate::report::{self, Layout, PublishedNumbers, ReportOptions};
 
 /// Write tables, plots and a browsable page from runs
 ///
-/// Several runs are joined into one report: results that occur in several runs appear once; all other
-/// pairs, methods and datasets are combined. NAME=RUN prefixes each method of a run with the name, or
-/// renames the method if the run has only one. An unfinished run is reported with the results so far.
+/// Several runs are joined into one report with the pairs, methods and datasets of all runs; results that occur in
+/// several runs appear once. NAME=RUN prefixes the run's methods with NAME, or renames a single method to NAME. An
+/// unfinished run is reported with the results so far.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -29,7 +29,8 @@ Examples:
 
 Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page contains
 the pictures of up to 24 pairs; for more pairs, small pictures are stored in thumbs/ next to the page, below 200 MB in
-total. Enlarged predictions are read from the run, sources and targets from the run's datasets, if still in place.")]
+total. To enlarge a picture, the page reads it from the run folder (predictions) or the dataset (sources and targets), if
+these are still in place.")]
 pub(super) struct ReportArgs {
     #[command(flatten)]
     runs: ShownRuns,
@@ -46,15 +47,15 @@ pub(super) struct ReportArgs {
     /// Uncertainty shown as ± after each mean in a table [default: ci95 on the page, none elsewhere]
     #[arg(long, value_enum)]
     uncertainty: Option<Uncertainty>,
-    /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to it]
+    /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to the page]
     #[arg(long, value_enum)]
     layout: Option<Layout>,
     /// Omit paths on this machine, and the pictures of datasets whose terms forbid publishing (the page
     /// lists these datasets)
     #[arg(long)]
     public: bool,
-    /// Print a paragraph for a paper instead of a report, with references: datasets and pairs, conventions, metrics,
-    /// differences from the SHARP paper. With --out, write methods.tex and methods.bib
+    /// Instead of a report, print a paragraph for a paper. It describes datasets and pairs, conventions, metrics and
+    /// differences from the SHARP paper, with references. With --out, write methods.tex and methods.bib
     #[arg(long, conflicts_with_all = ["published", "uncertainty", "layout", "public"])]
     methods_text: bool,
     /// Print the list of written files as JSON

@@ -23,12 +23,12 @@ use crate::evaluate::{
 use crate::io::counts::counted;
 use crate::methods::KINDS;
 
-/// Evaluate methods on datasets; results go to a run folder
+/// Evaluate methods on datasets and write the results to a run folder
 ///
-/// Each result of a method on a pair is a unit, stored in a file of its own. The same command resumes a
-/// stopped run: finished units are kept, and failed ones are retried. If a pair fails, the failure is
-/// recorded, the run continues, and the exit code is 4. More methods, pairs, metrics and datasets can be
-/// added to the folder later without repeating finished work.
+/// The result of one method on one pair is a unit, stored in its own file. The same command resumes a stopped run:
+/// finished units are kept, and failed units are retried. If a unit fails, the failure is recorded, the run continues,
+/// and the exit code is 4. More methods, pairs, metrics and datasets can be added to the folder later without repeating
+/// finished work.
 #[derive(Debug, Args)]
 #[command(
     after_help = help(),
@@ -48,7 +48,8 @@ pub(super) struct RunArgs {
     /// The run folder
     #[arg(long, value_name = "DIR", required_unless_present_any = ["dry_run", "estimate", "plan"])]
     out: Option<PathBuf>,
-    /// Write a plan of the run, with its estimated cost, into --out; shards then execute the plan
+    /// Evaluate nothing, but write a plan of the run with its estimated cost into --out, to be executed in shards
+    /// (--plan, --shard)
     #[arg(long, conflicts_with_all = ["dry_run", "estimate"])]
     plan_only: bool,
     /// Execute one shard of the plan in this folder, with the options of the plan. Writes unit files
@@ -60,11 +61,11 @@ pub(super) struct RunArgs {
         conflicts_with_all = ["dry_run", "estimate", "out", "plan_only", "file"]
     )]
     plan: Option<PathBuf>,
-    /// Which shard to execute: I/N with I from 1 to N; in an array of Slurm, Kubernetes or AWS Batch, auto or auto/N
+    /// Which shard to execute: I/N with I from 1 to N. In an array job of Slurm, Kubernetes or AWS Batch: auto or
+    /// auto/N, which read I from the scheduler
     #[arg(long, value_name = "I/N", requires = "plan")]
     shard: Option<Shard>,
-    /// Allow the plan's `command` methods to start their programs; check a plan from elsewhere before
-    /// allowing this
+    /// Allow the plan's `command` methods to start their programs; first check a plan that someone else made
     #[arg(long, requires = "plan")]
     allow_programs: bool,
     /// Start no new unit once this much time has passed; then exit with code 75, as after SIGTERM or SIGUSR1. Times are
@@ -79,10 +80,10 @@ pub(super) struct RunArgs {
     /// Number of threads; does not affect the results [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Evaluate nothing; count finished, failed and missing results, one per method and pair
+    /// Evaluate nothing; count finished, failed and missing units
     #[arg(long)]
     dry_run: bool,
-    /// Evaluate a few pairs, estimate the cost of all pairs (CPU time, memory, disk), and keep nothing
+    /// Estimate CPU time, memory and disk space for all pairs by evaluating a few; keep no results
     #[arg(long, conflicts_with = "dry_run")]
     estimate: bool,
     /// Print JSON

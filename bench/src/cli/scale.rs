@@ -41,7 +41,7 @@ Example:
 
 #[derive(Debug, Args)]
 struct ShardArgs {
-    /// The plan's run folder, by its path on the nodes
+    /// The plan's run folder, as a path on the nodes
     #[arg(long, value_name = "DIR")]
     plan: PathBuf,
     /// Number of shards. Each shard loads the models again, so make the shards large enough to run for minutes
@@ -77,10 +77,10 @@ impl ShardArgs {
 struct SlurmArgs {
     #[command(flatten)]
     shards: ShardArgs,
-    /// The program, as the nodes see it [default: this one]
+    /// Path of sharp-bench on the nodes [default: this program]
     #[arg(long, value_name = "FILE")]
     binary: Option<PathBuf>,
-    /// One array for all stages, instead of one for pictures (predictions and renderings) and one for scores
+    /// Submit one array for all stages, instead of one for pictures (predictions and renderings) and one for scores
     #[arg(long)]
     one_array: bool,
     /// Pass OPTION to sbatch for JOB: pictures, score, all (with --one-array), merge, or every for each of them;

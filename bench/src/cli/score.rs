@@ -20,8 +20,8 @@ use crate::io::counts::counted;
 
 /// Add metrics to a run by scoring its kept pictures
 ///
-/// Predicts and renders nothing. A result of a method on a pair gets new scores only if its picture was kept. If some
-/// were not kept, the exit code is 4, and --json has their number.
+/// Predicts and renders nothing. Only results whose predicted picture was kept get new scores. If pictures were not
+/// kept, the exit code is 4, and --json has their number.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench score runs/first --metrics lpips-vgg,ssim-all")]
 pub(super) struct ScoreArgs {
@@ -30,15 +30,15 @@ pub(super) struct ScoreArgs {
     run: PathBuf,
     #[command(flatten)]
     metrics: MetricConfig,
-    /// Score one shard of a plan (I/N, auto or auto/N, as for `run --shard`) with the plan's metrics; writes unit files
-    /// only, which `merge` turns into tables. Needs the datasets, but neither the methods' files nor their devices
+    /// Score one shard of a plan (I/N, auto or auto/N, as for `run --shard`) with the plan's metrics. Needs the
+    /// datasets, but neither the methods' files nor their devices. Writes unit files only; `merge` writes the tables
     #[arg(long, value_name = "I/N", conflicts_with = "metrics")]
     shard: Option<Shard>,
     /// Start no new pair once this much time has passed; then exit with code 75, as after SIGTERM or SIGUSR1. Times are
     /// written as 90s, 55m or 3h
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Class of CPU kernels: avx512, avx2 or portable [default: the run's]
+    /// Instruction set of the CPU kernels: avx512, avx2 or portable [default: the run's]
     #[arg(long, value_name = "SET")]
     simd: Option<InstructionSet>,
     #[command(flatten)]

@@ -20,12 +20,12 @@ use crate::report::speed::{Measured, SpeedReport, compute::compute};
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::scoring::Scoring;
 
-/// Measure inference and rendering separately, or total the hours and hardware of runs
+/// Measure inference and rendering separately, or add up the hours of runs and list their hardware
 ///
 /// With --method and --dataset, measures each method alone on a few pairs of each dataset, at the targets' resolution
-/// and after a warm-up. Reports medians, spread, peak memory, and the number of Gaussians rendered. The times stored in
-/// a run folder are not comparable, because scoring ran at the same time; for given runs, only the total hours and the
-/// hardware are reported.
+/// and after a warm-up. Reports medians, spread, peak memory, and the number of Gaussians rendered. For given runs,
+/// only total hours and hardware are reported: the times stored in a run folder are not comparable, because scoring ran
+/// at the same time.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -35,7 +35,7 @@ Examples:
 
 Writes speed.md, speed.tex and, for measured methods, speed.csv. Run nothing else at the same time.")]
 pub(super) struct SpeedArgs {
-    /// Run folders whose hours and hardware are totalled
+    /// Run folders whose hours to add up and whose hardware to list
     #[arg(value_name = "RUN", required_unless_present = "methods")]
     runs: Vec<PathBuf>,
     /// A method to measure, KIND[:key=value,…]; repeatable
@@ -49,10 +49,10 @@ pub(super) struct SpeedArgs {
     /// Number of pairs per dataset, spread over the dataset's scenes
     #[arg(long, value_name = "N", default_value_t = 3)]
     limit: usize,
-    /// Warm-up rounds on the first pair of each dataset, which are not counted
+    /// Untimed warm-up rounds on the first pair of each dataset
     #[arg(long, value_name = "N", default_value_t = 1)]
     warmup: usize,
-    /// Counted rounds per pair
+    /// Timed rounds per pair
     #[arg(long, value_name = "N", default_value_t = 5)]
     repeat: usize,
     /// The renderer: cpu, or wgpu

@@ -14,13 +14,13 @@ use crate::io::counts::counted;
 /// Show the progress of a run
 ///
 /// Counts units: a unit is the result of one method on one pair. Reads only the run folder, on any machine with access
-/// to the folder, even while shards are running. Exit code 75 while units are missing; 4 if no unit is missing but some
-/// failed, or the datasets had broken files.
+/// to the folder, even while shards are running. The exit code is 75 while units are missing; after that, it is 4 if
+/// units failed or the datasets had broken files.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   sharp-bench status runs/all
-  sharp-bench status runs/all --unfinished-shards 64     (2,17-19: what is left to submit)")]
+  sharp-bench status runs/all --unfinished-shards 64     (prints the shards to submit, such as 2,17-19)")]
 pub(super) struct StatusArgs {
     /// The run folder
     #[arg(value_name = "RUN")]
@@ -28,8 +28,8 @@ pub(super) struct StatusArgs {
     /// Print only which of N shards are unfinished, as a list for a scheduler (2,17-19)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     unfinished_shards: Option<u32>,
-    /// Split the list into job arrays whose indices do not exceed INDEX; each line has an offset to add to the indices,
-    /// and the indices
+    /// Split the list of unfinished shards into job arrays with indices up to INDEX. Each line has an offset and
+    /// indices; offset plus index is the shard
     #[arg(long, value_name = "INDEX", requires = "unfinished_shards", value_parser = clap::value_parser!(u32).range(1..))]
     max_index: Option<u32>,
     /// Count shards with recorded failures as unfinished

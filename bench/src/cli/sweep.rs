@@ -57,7 +57,7 @@ pub(super) struct SweepArgs {
     /// Report the motion beyond which each method's mean is worse than VALUE; repeatable
     #[arg(long = "threshold", value_name = "METRIC=VALUE")]
     thresholds: Vec<Threshold>,
-    /// Report the motion beyond which each method is worse than METHOD, over the pairs with scores of both
+    /// Report the motion beyond which each method is worse than METHOD, over the pairs scored for both methods
     #[arg(long, value_name = "METHOD")]
     against: Option<String>,
     /// A TOML file with the figures' sizes and colours: width_mm, font_pt, dpi, panel_aspect, caption, colours

@@ -43,7 +43,7 @@ pub(super) struct TableArgs {
     /// The metric variants to show, at most one per metric [default: the default variants that all rows have]
     #[arg(long, value_name = "LIST")]
     metrics: Option<String>,
-    /// Omit datasets that none of your rows has
+    /// Omit datasets for which none of your rows has scores
     #[arg(long, requires = "rows")]
     only_measured: bool,
     /// The datasets to show, by their names in the table [default: all]

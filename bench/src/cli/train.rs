@@ -26,8 +26,9 @@ use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 /// method.
 #[derive(Debug, Args)]
 #[command(mut_arg("device", |arg| arg.help(
-    "Device that trains the network and computes LPIPS and DISTS: cpu; metal (untested) or cuda, if built in; \
-     candle-cpu (slow: the GPU code on the CPU). The last bits of the weights depend on the device [default: cpu]"
+    "Device that trains the network and computes LPIPS and DISTS: cpu, cuda or metal (if built in; metal is \
+     untested), or candle-cpu (runs the GPU code on the CPU, slowly). The last bits of the weights depend on the \
+     device [default: cpu]"
 )))]
 #[command(after_help = "\
 Examples:

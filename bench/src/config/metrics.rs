@@ -12,15 +12,15 @@ use crate::scoring::{ScaleChooser, Scoring};
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct MetricConfig {
-    /// Metrics, comma-separated: keys or aliases; ssim, lpips or dists (default variants); ssim-all, lpips-all or
-    /// dists-all; `paper` (dists, lpips, psnr, ssim); `all` [default: paper]
+    /// Metrics to compute, comma-separated: names of metrics; ssim, lpips or dists for the default variant; ssim-all,
+    /// lpips-all or dists-all for all variants; `paper` for dists, lpips, psnr and ssim; or `all` [default: paper]
     #[arg(long, value_name = "LIST")]
     pub metrics: Option<String>,
-    /// Weights file of a network behind LPIPS or DISTS: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
+    /// Weights file of a network that LPIPS or DISTS uses: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
     #[arg(long, value_name = "NAME=FILE")]
     pub weights: Vec<String>,
-    /// Device for the networks of LPIPS and DISTS: cpu; metal (untested) or cuda, if built in; candle-cpu
-    /// (slow: the GPU code on the CPU) [default: cpu]
+    /// Device that computes LPIPS and DISTS: cpu, cuda or metal (if built in; metal is untested), or candle-cpu (runs
+    /// the GPU code on the CPU, slowly) [default: cpu]
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<Device>,
 }

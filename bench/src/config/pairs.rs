@@ -12,8 +12,8 @@ use crate::pairs::{OverlapCache, PairOptions, PairOrigin, PairRecipe, SceneCheck
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct OverlapConfig {
-    /// Your own depth maps, by which overlap is measured: `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`. They are
-    /// scaled to the dataset's depth by the median of ratios (overlap=given)
+    /// Measure overlap with your own depth maps, `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`. By default
+    /// (overlap=given), each map is scaled to the dataset's depth by the median of their ratios
     #[arg(long, value_name = "DIR")]
     pub overlap_depth: Option<PathBuf>,
     /// Checkpoint for overlap=sharp-release (mini: the bundled network) or overlap=depth-pro [default: the release
@@ -23,14 +23,14 @@ pub struct OverlapConfig {
     /// The checkpoint's architecture, FILE.json#NAME [default: the release's]
     #[arg(long, value_name = "FILE[#NAME]", requires = "overlap_checkpoint")]
     pub overlap_config: Option<String>,
-    /// Folder for measured overlaps [default: the user's cache]
+    /// Folder in which measured overlaps are cached [default: the user's cache folder]
     #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
     pub cache: Option<PathBuf>,
-    /// Measure every overlap again and do not cache it
+    /// Measure every overlap again; neither read nor write the cache
     #[arg(long)]
     pub no_cache: bool,
-    /// Skip the quick check of a few views per scene for wrong units or focal lengths, poses that belong to other
-    /// pictures, and swapped stereo pairs (`datasets check` checks more)
+    /// Skip the quick check of the datasets. This check examines a few views per scene for wrong units or focal
+    /// lengths, poses that belong to other pictures, and swapped stereo pairs; `datasets check` checks more
     #[arg(long)]
     pub no_check: bool,
 }
@@ -66,15 +66,15 @@ impl OverlapConfig {
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct PairConfig {
-    /// Evaluate the pairs of this list (CSV as written by `pairs`) instead of building one
+    /// Evaluate the pairs in this CSV file, as written by `pairs`, instead of building a pair list
     #[arg(
         long,
         value_name = "FILE",
         conflicts_with_all = ["pair_options", "overlap_depth", "overlap_checkpoint", "cache", "no_cache"]
     )]
     pub pairs: Option<PathBuf>,
-    /// Pair options that the paper leaves open, key=value,…; see `pairs --help-all`. To set one for a single dataset,
-    /// use --dataset SPEC,pairs.key=value
+    /// How to build pairs where the paper leaves a choice, key=value,…; see `pairs --help-all`. To set an option for a
+    /// single dataset, use --dataset SPEC,pairs.key=value
     #[arg(long, value_name = "LIST")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]

@@ -17,8 +17,8 @@ use crate::rendering::RenderSettings;
 #[serde(rename_all = "kebab-case", default)]
 pub struct RenderingConfig {
     /// Low-pass filter: variance added to both axes of each projected Gaussian. A number in square pixels, or release
-    /// (0), config (0.01), gsplat or 3dgs (0.3). `run` ignores it for Gaussians with a rendering rule of their own
-    /// [default: release]
+    /// (0), config (0.01), gsplat or 3dgs (0.3). `run` ignores this option for Gaussians that have their own rendering
+    /// rule [default: release]
     #[arg(long, value_name = "X")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]

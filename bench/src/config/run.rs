@@ -25,14 +25,14 @@ use crate::pairs::{DatasetConfig, clap_dataset};
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct RunConfig {
-    /// A dataset, `[NAME:]FORMAT=PATH[,key=value…]`; repeatable
+    /// A dataset to evaluate on, `[NAME:]FORMAT=PATH[,key=value…]`; repeatable
     #[arg(long = "dataset", value_name = "SPEC", value_parser = clap_dataset)]
     #[serde(rename = "dataset")]
     pub datasets: Vec<DatasetConfig>,
-    /// Only scenes whose id matches this pattern; `*` and `?` are wildcards
+    /// Use only scenes whose id matches this pattern; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB")]
     pub scenes: Option<String>,
-    /// A method, `KIND[:key=value,…]`; repeatable
+    /// A method to evaluate, `KIND[:key=value,…]`; repeatable
     #[arg(long = "method", value_name = "SPEC", value_parser = clap_method)]
     #[serde(rename = "method")]
     pub methods: Vec<MethodSpec>,
@@ -61,7 +61,7 @@ pub struct RunConfig {
     /// Which predicted pictures to keep [default: all]
     #[arg(long, value_enum)]
     pub keep: Option<Keep>,
-    /// Keep predicted Gaussians. Other targets, or pictures by another renderer, then need no new prediction
+    /// Keep predicted Gaussians, so that other targets or another renderer need no new prediction
     #[arg(long)]
     pub keep_gaussians: bool,
     /// The renderer: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). A run uses a single
@@ -76,8 +76,8 @@ pub struct RunConfig {
     #[command(flatten)]
     #[serde(flatten)]
     pub rendering: RenderingConfig,
-    /// Class of CPU kernels: avx512, avx2 or portable [default: the machine's fastest]. Results are bit-identical
-    /// within a class, so that different machines can share a run
+    /// Instruction set of the CPU kernels: avx512, avx2 or portable [default: the machine's fastest]. Machines that use
+    /// the same set get bit-identical results and can share a run
     #[arg(long, value_name = "SET")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]

@@ -53,18 +53,18 @@ pub const KINDS: [MethodKind; 8] = [
     MethodKind {
         name: "mean",
         options: &[],
-        summary: "the mean colour of the source everywhere",
+        summary: "a picture filled with the mean colour of the source",
         settings: &[],
         build: |spec, _| Ok(trivial::mean(spec)),
     },
     MethodKind {
         name: "depth-splat",
         options: &[&["resolution"]],
-        summary: "the dataset's depth through SHARP's initializer, composer and renderer; holes stay \
+        summary: "Gaussians that SHARP's initializer and composer make from the dataset's depth, rendered; holes stay \
                   black",
         settings: &[(
             "resolution=1536",
-            "side in pixels of the square working picture, even, 2 to 8192; SHARP's is the default",
+            "side in pixels of the square working picture, an even number from 2 to 8192; the default is SHARP's",
         )],
         build: |spec, _| Ok(Box::new(DepthSplat::from_spec(spec)?)),
     },
@@ -75,11 +75,11 @@ pub const KINDS: [MethodKind; 8] = [
         settings: &[
             (
                 "checkpoint=FILE",
-                "weights, or mini for the small network that comes with the program; by default those of SHARP's release",
+                "weights, or mini for the bundled small network; by default the weights of SHARP's release",
             ),
             (
                 "config=FILE#NAME",
-                "architecture of the checkpoint; by default a fitting .json next to it, or that of SHARP's release",
+                "architecture of the checkpoint; by default a fitting .json next to the checkpoint, or SHARP's release",
             ),
             (
                 "depth=none|privileged",
@@ -111,7 +111,7 @@ pub const KINDS: [MethodKind; 8] = [
             ("dir=DIR", "the folder"),
             (
                 "file={scene}.ply",
-                "where files lie in the folder: a template of {dataset} {scene} {source} {target} {pair}",
+                "path of the files in the folder, a template with {dataset} {scene} {source} {target} {pair}",
             ),
             (
                 "rendering=inria|gsplat-classic|mip-splatting|…",
@@ -151,7 +151,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "marks=ignore",
-                "accept files that state another rendering rule, and ignore what they state",
+                "accept files that state another rendering rule, and ignore that statement",
             ),
             (
                 "space=world|target|normalized",
@@ -164,11 +164,12 @@ pub const KINDS: [MethodKind; 8] = [
             ("scale=S", "unit of the file in metres"),
             (
                 "transform=FILE.json",
-                "nerfstudio's dataparser_transforms.json, whose effect is undone, or a matrix of 4 rows that maps the file's coordinates to space=",
+                "nerfstudio's dataparser_transforms.json, to be undone, or a matrix of 4 rows that maps the file's \
+                 coordinates to space=",
             ),
             (
                 "shift=X:Y",
-                "shift of the scene to the right and down as the source's camera sees it, in pixels",
+                "shift of the scene in pixels, to the right and down as seen by the source's camera",
             ),
             (
                 "focal=F|X:Y",
@@ -193,11 +194,11 @@ pub const KINDS: [MethodKind; 8] = [
             ("dir=DIR", "the folder"),
             (
                 "file={scene}.png",
-                "where files lie in the folder: a template of {dataset} {scene} {source} {target} {pair}",
+                "path of the files in the folder, a template with {dataset} {scene} {source} {target} {pair}",
             ),
             (
                 "resize=bilinear|bilinear-antialias|bicubic|lanczos|area",
-                "kernel for resizing pictures of another size, which are an error without it",
+                "kernel for resizing pictures whose size differs from the target's; without resize=, they are an error",
             ),
             (
                 "crop=x:y:w:h|center:W:H|center|sidecar",
@@ -205,7 +206,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "alpha=…, color=…, orientation=…, exr=…",
-                "how to read the pictures, as the options of `metrics`",
+                "how to read the pictures, as with the options of `metrics`",
             ),
             (
                 "scales=0.5+1+2",

@@ -43,8 +43,8 @@ impl Consistency {
     pub(super) fn disagreement(&self) -> Option<String> {
         let meeting = self.meeting.filter(|meeting| *meeting < MIN_AGREEING)?;
         Some(format!(
-            "poses and depth are inconsistent: at most {:.0} % of the depths that meet in neighbouring views agree; \
-             the pose convention, the unit of depth or poses, or the intrinsics may be wrong",
+            "poses and depth are inconsistent: at most {:.0} % of depths agree between neighbouring views; the pose \
+             convention, the unit of depth or poses, or the intrinsics may be wrong",
             100.0 * meeting
         ))
     }

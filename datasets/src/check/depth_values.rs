@@ -112,8 +112,8 @@ impl Neighbours<'_> {
         let enough = met.all as f64 >= MIN_LIMITED * all as f64;
         (enough && met.are_mostly_off()).then(|| {
             format!(
-                "depth is clipped at {} m (of {} points with exactly that depth in two neighbouring views, {:.0} % cannot \
-                 have it in both); store 0 where depth is unknown",
+                "depth is clipped at {} m (of {} points with exactly this depth in two neighbouring views, {:.0} % \
+                 cannot have the same depth in both); store 0 where depth is unknown",
                 number(limit),
                 met.all,
                 met.percent_off()

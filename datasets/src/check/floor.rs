@@ -110,7 +110,7 @@ format!(
     let (what, causes) = if contradicted.all(Residual::is_on_lines) {
         (
             "pictures and poses fit each other, so depth does not fit them",
-            "perhaps depth is nonlinear, wrapped around, or from another source or of another size",
+            "perhaps depth is nonlinear, is wrapped around, or belongs to another source or picture size",
         )
     } else {
         (
@@ -120,7 +120,7 @@ format!(
         )
     };
     Some(format!(
-        "{what}, and no known correction explains it; {lines}{misses}; {n} of the {judged} pairs of neighbouring views \
-         that can be judged show such contradictions; {causes}"
+        "{what}, and no known correction explains it: {lines}{misses}; {n} of the {judged} pairs of neighbouring \
+         views that can be judged are inconsistent; {causes}"
     ))
 }

@@ -153,8 +153,8 @@ fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
     };
     (scene.pairing == Pairing::MultiView && without).then(|| {
         format!(
-            "no view has depth, so no pair can be selected; {own}choose pairs by other depth in metres \
-             (--pair-options overlap=given-metric with --overlap-depth DIR); or select them without overlap \
+            "no view has depth, so no pair can be selected; {own}measure overlap with your own depth maps in metres \
+             (--pair-options overlap=given-metric with --overlap-depth DIR); or select pairs without overlap \
              (--pair-options missing-depth=accept)"
         )
     })

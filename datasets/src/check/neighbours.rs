@@ -232,9 +232,9 @@ impl<'a> Neighbours<'a> {
         let count = other.clone().count();
         let ((a, b), factor, _) = other.max_by(|a, b| a.1.ln().abs().total_cmp(&b.1.ln().abs()))?;
         Some(format!(
-            "exposure: {count} of {} pairs of neighbouring views differ in exposure (the levels of {} and {} by a factor of \
-             {factor:.2}); methods that keep the source's exposure lose PSNR there, so use pictures of one exposure if \
-             there are any",
+            "exposure: {count} of {} pairs of neighbouring views differ in exposure (for example, the levels of {} \
+             and {} by a factor of {factor:.2}); methods that keep the source's exposure lose PSNR on these pairs, so \
+             use pictures of a single exposure if available",
             compared.len(),
             self.views[*a].id,
             self.views[*b].id
@@ -283,12 +283,13 @@ impl<'a> Neighbours<'a> {
             is_moved(pair) && !agrees(&[explained()])
         };
         let moves = format!(
-            "but what it shows moves by {MIN_MOVED} pixels or more between their poses (at a width of {WIDEST} or less)"
+            "although their poses move its content by {MIN_MOVED} pixels or more (in pictures up to {WIDEST} pixels \
+             wide)"
         );
         if let Some((a, b)) = pictured {
             let [a, b] = [a, b].map(|i| &self.views[*i].id);
             return Some(format!(
-                "{a} and {b} have the same picture, {moves}; replace the picture of the view to which it does not belong"
+                "{a} and {b} have the same picture, {moves}; give each view its own picture"
             ));
         }
         let is_one = pairs.clone().all(has_one_depth) && pairs.any(disagrees);

@@ -94,7 +94,7 @@ pub(super) fn orders(
         spelt.iter().enumerate().for_each(|(i, j)| rank[*j] = i);
         let text = |pictures: &str, others: &str| {
             format!(
-                "the pictures in the order of their {pictures} fit the {noun}s in the order of their {others}"
+                "the pictures, sorted by their {pictures}, fit the {noun}s, sorted by their {others}"
             )
         };
         let to_spelling = text("numbers", "spelling");

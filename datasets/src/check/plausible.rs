@@ -33,8 +33,8 @@ fn swapped_centres(views: &[View]) -> Option<String> {
         .filter(|_| views.iter().all(is_swapped))?
         .intrinsics;
     Some(format!(
-        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were swapped; swap them, or, if this \
-         calibration is for pictures turned by 90 degrees, use the one for these pictures",
+        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were swapped; swap them, or, if the \
+         calibration is for pictures turned by 90 degrees, use the calibration for these pictures",
         number(k.cx),
         number(k.cy),
         k.width,

@@ -57,7 +57,7 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     }
     if (left[0] - right[0]).abs() > 1e-6 * left[0] {
         return Err(invalid!(
-            "cam0 has focal length {} and cam1 {}, but both cameras of a rectified pair have the same one",
+            "cam0 has focal length {} and cam1 {}, but the cameras of a rectified pair must have the same focal length",
             left[0],
             right[0]
         ));

@@ -159,7 +159,7 @@ fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
     let what = if whole {
         format!("the {unread} model next to it")
     } else {
-        format!("cameras.{other} beside it")
+        format!("cameras.{other} next to it")
     };
     let contradiction = match contradictions.is_empty() {
         true if !whole => return Vec::new(),
@@ -224,7 +224,7 @@ pub fn read_cameras(folder: &Path) -> Result<Option<(PathBuf, Cameras)>, Dataset
         (true, true) if !is_model(folder) => {
             let cameras = read_cameras_of(&binary)?;
             if !are_same_cameras(&cameras, &read_cameras_of(&text)?) {
-                let reason = "contradicts cameras.txt next to it; remove the wrong one";
+                let reason = "contradicts cameras.txt next to it; remove the wrong file";
                 return Err(DatasetError::malformed(binary, reason));
             }
             return Ok(Some((binary, cameras)));

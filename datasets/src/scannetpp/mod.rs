@@ -52,18 +52,18 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "nvs_sem_val",
-                    "has meshes and test pictures; with frames=test, another interpretation",
+                    "has meshes and test pictures; with frames=test, another interpretation of 'nvs test'",
                 ),
                 proxy("nvs_test_small", "twelve scenes of nvs_test"),
-                choice("all", "every scene found; with frames=test, a third interpretation"),
+                choice("all", "every scene found; with frames=test, a third interpretation of 'nvs test'"),
             ],
         ).left_open(),
         Setting::choice(
             "frames",
             "which pictures of a scene",
             &[
-                choice("train", "'frames': for nvs_test the only available pictures"),
-                choice("test", "'test_frames'"),
+                choice("train", "the pictures in 'frames' (for nvs_test, only these are available)"),
+                choice("test", "the pictures in 'test_frames'"),
                 choice("all", "both"),
             ],
         ).left_open(),

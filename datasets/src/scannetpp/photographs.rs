@@ -64,8 +64,8 @@ impl DslrPhotographs {
             }
             let fisheye = if depth_in_fisheye {
                 if !fisheye_json.is_file() {
-                    let remedy = "dslr/render_depth was rendered with its cameras; add this file from the download's \
-                                  nerfstudio/, or set depth=mesh, depth=points or depth=none";
+                    let remedy = "dslr/render_depth was rendered with the cameras in this file; add it from the \
+                                  download's nerfstudio/, or set depth=mesh, depth=points or depth=none";
                     return Err(missing(&fisheye_json, remedy));
                 }
                 let parsed = files::parse_text(&fisheye_json, transforms::parse)?;

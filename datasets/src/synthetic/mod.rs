@@ -55,7 +55,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "synthetic",
     display_name: "synthetic",
     title: "a procedural multi-view scene with exact depth and visibility",
-    terms: "part of this program",
+    terms: "part of sharp-bench",
     size: "computed",
     layout: "takes no folder; write `synthetic` or `synthetic=seed=7,size=320x240,views=24`",
     caveat: "no photograph",
@@ -91,14 +91,14 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "reflective",
-                    "like varied, with mirrors, panes of glass and water, whose depth is that of their surface, and with \
-                     light from the sky; no classic scenes",
+                    "like varied, but with light from the sky, no classic scenes, and with mirrors, panes of glass \
+                     and water, whose depth is that of their surface",
                 ),
             ],
         ),
         Setting::choice(
             "sweep",
-            "which quantity increases from target to target, with one and the same source camera",
+            "which quantity increases from target to target, while the source camera stays the same",
             &[
                 choice(
                     "none",

@@ -49,8 +49,8 @@ impl SceneCameras {
                     file,
                     format!(
                         "has {} cameras; it must have a single camera for the whole scene (COLMAP's \
-                         --ImageReader.single_camera 1), or several with images.bin or images.txt next to it, which \
-                         assigns them to pictures; intrinsics=0.7w needs no model",
+                         --ImageReader.single_camera 1), or images.bin or images.txt next to it, which assigns \
+                         cameras to pictures; intrinsics=0.7w needs no model",
                         cameras.len()
                     ),
                 ));

@@ -58,7 +58,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "0.6w",
-                    "a guess, 0.6 of the width: what COLMAP itself arrives at",
+                    "a guess, 0.6 of the width: close to COLMAP's own result",
                 ),
             ],
         ),

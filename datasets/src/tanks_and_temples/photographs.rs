@@ -80,7 +80,7 @@ impl ScenePhotographs {
             .iter()
             .map(|(other, files)| {
                 format!(
-                    "{name}: the pictures of {} are read, not the {} of {}",
+                    "{name}: the pictures in {} are read, and the {} file(s) in {} are ignored",
                     folder.display(),
                     files.len(),
                     other.display()

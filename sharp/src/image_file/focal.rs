@@ -209,8 +209,8 @@ fn unknown_sensor(source: FocalSource, px: f64) -> Option<String> {
         "a sensor of the size of 35 mm film"
     };
     Some(format!(
-        "the file states a {mm} mm lens, but not the size of its sensor: {px:.2} px assumes {assumed}; set the focal \
-         length in pixels if you know it (--focal-px)"
+        "the file states a {mm} mm lens, but not the size of the sensor; the focal length of {px:.2} px assumes \
+         {assumed}; set the focal length in pixels if you know it (--focal-px)"
     ))
 }
 
@@ -263,12 +263,12 @@ impl Sensor {
         } = self;
         match source {
             FocalSource::Equivalent35mm(_) if by_sensor > px => format!(
-                "the file's 35 mm equivalent gives {px:.2} px, its FocalPlaneXResolution {by_sensor:.2} px; the \
-                 former is right if the picture was resized, the latter if it was cropped; set --focal-px"
+                "the file's 35 mm equivalent gives {px:.2} px, which is right if the picture was resized; its \
+                 FocalPlaneXResolution gives {by_sensor:.2} px, which is right if it was cropped; set --focal-px"
             ),
             _ => format!(
-                "according to the file's FocalPlaneXResolution the sensor is {width_mm:.1} mm wide, so its {lens_mm} \
-                 mm lens has {by_sensor:.2} px, not {px:.2} px; set --focal-px"
+                "according to the file's FocalPlaneXResolution the sensor is {width_mm:.1} mm wide, so the focal \
+                 length of its {lens_mm} mm lens is {by_sensor:.2} px, not {px:.2} px; set --focal-px"
             ),
         }
     }

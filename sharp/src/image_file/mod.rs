@@ -146,11 +146,11 @@ impl Picture {
         if orientation != 1 {
             notes.push(if self.turned {
 format!(
-                    "turned upright by its EXIF orientation {orientation} (orientation=stored leaves it)"
+                    "turned upright by its EXIF orientation {orientation} (orientation=stored would not turn it)"
                 )
 } else {
 format!(
-                    "its EXIF orientation {orientation} is not applied (orientation=upright turns it)"
+                    "its EXIF orientation {orientation} is not applied (orientation=upright would turn it)"
                 )
 });
         }
@@ -160,17 +160,17 @@ format!(
         if let Some(name) = self.header.profile.name() {
             notes.push(match rules.color {
                 ColorRule::Convert => format!(
-                    "converted from its colour profile '{name}' to sRGB (color=as-stored leaves it)"
+                    "converted from its colour profile '{name}' to sRGB (color=as-stored would not convert it)"
                 ),
                 ColorRule::AsStored => format!(
-                    "its colour profile '{name}' is ignored (color=convert converts it to sRGB)"
+                    "its colour profile '{name}' is ignored (color=convert would convert it to sRGB)"
                 ),
             });
         }
         if let (Alpha::Varying(percent), AlphaRule::Drop) = (self.alpha, rules.alpha) {
             notes.push(format!(
-                "its alpha is dropped, not composited, in the {percent:.1} % of its pixels that are not opaque (alpha=black, \
-                 alpha=white)"
+                "its alpha is dropped, not composited, in the {percent:.1} % of its pixels that are not opaque \
+                 (alpha=black or alpha=white would composite)"
             ));
         }
         notes

@@ -51,8 +51,8 @@ impl Profile {
     pub fn ignored(&self) -> Option<String> {
         match self {
             Self::Ignored { chunks } => Some(format!(
-                "PNG chunks ({chunks}) that contradict sRGB and are ignored, as in most programs: its values are \
-                 read as sRGB (color=as-stored requests that explicitly)"
+                "PNG chunks ({chunks}) that contradict sRGB and are ignored, as in most programs: its values are read \
+                 as sRGB (color=as-stored confirms this and removes the note)"
             )),
             _ => None,
         }
@@ -101,7 +101,8 @@ impl Profile {
             ),
             _ => {
                 let name = format!("cICP {primaries}/{transfer}, range {full_range}");
-                let reason = "only its primaries 1, 9 and 12 with transfer 13 are converted";
+                let reason =
+                    "of cICP, only primaries 1, 9 and 12 with transfer 13 can be converted";
                 return Self::Other { name, reason };
             }
         };
@@ -128,7 +129,7 @@ impl Profile {
         let (Some(r), Some(g), Some(b)) =
             (sampled(curves[0]), sampled(curves[1]), sampled(curves[2]))
         else {
-            let reason = "its curves are not understood";
+            let reason = "its transfer curves are not supported";
             return Self::Other { name, reason };
         };
         let to_srgb = MatrixProfile {

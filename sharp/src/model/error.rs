@@ -32,7 +32,7 @@ pub enum ModelError {
     #[error(transparent)]
     Incomplete(#[from] Incomplete),
     /// A weight source returned the wrong number of values for a parameter.
-    #[error("parameter {name} has {expected} values, but its source returned {found}")]
+    #[error("parameter {name} has {expected} values, but the weight source returned {found}")]
     Weights {
         name: String,
         expected: usize,

@@ -170,15 +170,16 @@ impl CheckpointSource {
         let repeated = repeated.first().map(|(name, other)| {
             format!(
                 "{} of its weight tensors are equal to those of another layer (for example, {name} to {other}), which \
-                 training does not produce; perhaps the tensors of one layer were written in place of others'; \
-                 convert the file again",
+                 training does not produce; perhaps one layer's tensors were written in place of another's; convert \
+                 the file again",
                 repeated.len()
             )
         });
         let zeros = first.map(|(name, share)| {
             format!(
-                "{count} of its weight tensors end in zeros (for example, {name}, of which {:.0} % are missing), which \
-                 training does not produce; the file was probably written or copied only in part, so get it again",
+                "{count} of its weight tensors end in zeros (for example, {name}, of which {:.0} % are missing), \
+                 which training does not produce; the file was probably written or copied only in part, so download \
+                 or convert it again",
                 100.0 * share
             )
         });

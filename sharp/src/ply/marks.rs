@@ -99,7 +99,7 @@ impl FileMarks {
         let is_sharp = !given.takes_other_rules();
         let rule = match () {
             () if self.mode == Some(SplatRenderMode::Flat) => {
-                "2D Gaussian Splatting (SplatRenderMode: 2dgs), whose flat Gaussians are not drawn"
+                "2D Gaussian Splatting (SplatRenderMode: 2dgs), whose flat Gaussians are not supported"
             }
             () if is_sharp && self.antialiased == Some(true) => {
                 "an antialiased rasteriser (SplatRenderMode: mip); SHARP's rule has no compensated low-pass filter"
@@ -119,8 +119,8 @@ pub(super) fn other_form(vertex: &Element) -> Option<&'static str> {
     let has = |name: &str| vertex.number(name).is_some();
     if has("scale_1") && !has("scale_2") {
         return Some(
-            "2D Gaussian Splatting (two scales), whose flat Gaussians are not drawn; store a third scale, or render it with \
-             the method's own program and score the pictures with `imported`",
+            "2D Gaussian Splatting (two scales), whose flat Gaussians are not supported; store a third scale, or \
+             render it with the method's own program and score the pictures with `imported`",
         );
     }
     let has_rgb = ["red", "green", "blue"].iter().all(|name| has(name));

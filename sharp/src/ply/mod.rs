@@ -170,7 +170,7 @@ pub enum PlyReason {
     /// The vertices are Gaussians in an unsupported form.
     #[error("{0}")]
     OtherForm(&'static str),
-    #[error("it has {0} properties f_rest_*, but they must be numbered from 0 to 8, 23, 44 or 71")]
+    #[error("it has {0} properties f_rest_*, but there must be 9, 24, 45 or 72, numbered from 0")]
     Degree(usize),
     #[error(
         "colours depend on the view ({0} coefficients f_rest_*), which `harmonics=refuse` does not allow"

@@ -56,8 +56,9 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             found.push(Suspicion::new(
                 "opacity=linear",
                 format!(
-                    "its opacities may have been stored without the logit (all stored values are \
-                     in {:.3}..{:.3}, so every opacity is in {:.3}..{:.3}; only a photograph can decide); `opacity=linear` reads them that way",
+                    "its opacities may have been stored without the logit (all stored values are in {:.3}..{:.3}, so \
+                     every opacity is in {:.3}..{:.3}; only a comparison with a photograph can decide); \
+                     `opacity=linear` reads them as opacities",
                     opacities.least,
                     opacities.most,
                     logistic(opacities.least),
@@ -69,7 +70,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
                 "opacity=log",
                 format!(
                     "its opacities may have been stored as logarithms (all stored values are in {:.3}..{:.3}, so as \
-                     logits none would exceed {:.3}; only a photograph can decide); `opacity=log` reads them that way",
+                     logits none would exceed {:.3}; only a comparison with a photograph can decide); `opacity=log` \
+                     reads them as logarithms",
                     opacities.least,
                     opacities.most,
                     logistic(opacities.most)
@@ -101,8 +103,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             found.push(Suspicion::new(
                 "colors=rgb01",
                 format!(
-                    "its colours may be 0..1 instead of coefficients (all stored values are in \
-                     {:.3}..{:.3}, as in a pastel scene; only a photograph can decide); `colors=rgb01` reads them that way",
+                    "its colours may be 0..1 instead of coefficients (all stored values are in {:.3}..{:.3}, as in a \
+                     pastel scene; only a comparison with a photograph can decide); `colors=rgb01` reads them as 0..1",
                     colors.least, colors.most
                 ),
             ));
@@ -111,7 +113,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
                 "colors=rgb-signed",
                 format!(
                     "its colours may be −1..1 instead of coefficients (all stored values are in {:.3}..{:.3} and fill \
-                     that range; only a photograph can decide); `colors=rgb-signed` reads them that way",
+                     that range; only a comparison with a photograph can decide); `colors=rgb-signed` reads them as \
+                     −1..1",
                     colors.least, colors.most
                 ),
             ));
@@ -215,8 +218,7 @@ impl Range {
         let Self { least, most, .. } = self;
         (*least >= 0.0 && *most > 20.0).then(|| {
             let text = format!(
-                "its {what} look like 0..255 (stored values {least}..{most}); `{about}` reads them \
-                 that way"
+                "its {what} look like 0..255 (stored values {least}..{most}); `{about}` reads them as 0..255"
             );
             Suspicion::new(about, text)
         })

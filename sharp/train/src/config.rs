@@ -374,7 +374,7 @@ impl StageConfig {
                 "batch",
                 "is not between 1 and 65536",
             ),
-            (self.steps <= 1 << 32, "steps", "are more than 2^32"),
+            (self.steps <= 1 << 32, "steps", "must be at most 2^32"),
             (self.clip_norm > 0.0, "clip_norm", "is not positive"),
             (
                 (2..=1 << 13).contains(&self.side),
@@ -395,7 +395,7 @@ impl StageConfig {
             (
                 warmup_steps < self.steps || self.steps == 0,
                 "schedule.warmup_steps",
-                "leaves no step after the warm-up",
+                "must be less than the number of steps",
             ),
         ];
         let failed = checks.into_iter().find(|(holds, ..)| !holds);

@@ -127,7 +127,7 @@ fn rows_that_are_longer_than_declared_are_refused_and_bytes_at_the_end_named() {
 #[test]
 fn opacities_without_the_logit_are_named_by_numbers_and_by_the_photograph() {
     let case = case("A09-opacity-activated");
-    case.is_said_everywhere("r", "`opacity=linear` reads them that way");
+    case.is_said_everywhere("r", "`opacity=linear` reads them as opacities");
     let info = &case.said[1].out;
     assert!(info.contains("opacity=linear"), "{info}");
     close(with(&case, "opacity=linear"), 20.9783);

@@ -282,7 +282,7 @@ fn of_two_rectifications_the_perfect_one_counts_unless_asked_otherwise() {
     let [broken, ruled_out] = left_out("middlebury", folder.path());
     assert!(broken.is_empty(), "{broken:?}");
     let reason =
-        "rectification=one, and <Scene>-perfect exists (rectification=any would read both)";
+        "rectification=one reads only <Scene>-perfect if it exists (rectification=any reads both)";
     assert_eq!(
         ruled_out,
         [format!("1 scene left out (deep/A-imperfect): {reason}")]

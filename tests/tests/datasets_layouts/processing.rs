@@ -154,7 +154,7 @@ fn absent_depth_is_said_and_a_problem_where_it_was_asked_for() {
     let found = read("scannetpp", folder.path());
     says(
         &found,
-        "depth: 2 of 5 pictures have none",
+        "depth: 2 of 5 pictures have no depth",
         "view_02.JPG, view_04.JPG",
     );
     let text = format!("scannetpp={}", folder.path().display());

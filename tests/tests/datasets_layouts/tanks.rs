@@ -195,7 +195,10 @@ fn of_several_folders_the_one_that_fits_the_log_is_read_and_the_others_are_named
     let found = read(FORMAT, folder.path());
     check(&found.views, &scene, &[1, 2, 3, 4, 5]);
     let left = at.join("images").display().to_string();
-    has_note(&found.notes, &format!("are read, not the 1 of {left}"));
+    has_note(
+        &found.notes,
+        &format!("and the 1 file(s) in {left} are ignored"),
+    );
 }
 
 /// One camera per picture, with different focal lengths, and ids in another order than the

@@ -24,8 +24,8 @@ enum DatasetsCommand {
     /// Describe each dataset: official page, terms, downloads, layout, and the settings that stand for different
     /// interpretations of the paper
     ///
-    /// With --needed-for, lists exactly the files that the selected pairs of a list need; with --dataset too, checks
-    /// that they exist (exit code 4 if some do not).
+    /// With --needed-for, lists exactly the files that the selected pairs of a list need. If --dataset is also given,
+    /// checks that these files exist; the exit code is 4 if files are missing.
     List {
         /// List the files that this pair list needs
         #[arg(long, value_name = "PAIRS.csv")]
@@ -40,15 +40,15 @@ enum DatasetsCommand {
     /// Check a dataset: its contents, broken files, and whether poses agree with depth
     ///
     /// Reads the cameras of every scene, decodes pictures and depth of some views of each scene, and uses the poses to
-    /// project depth between neighbouring views. Without depth, a wrong scale of the poses goes undetected; swapped
+    /// project depth between neighbouring views. Without depth, a wrong scale of the poses is not detected. Swapped
     /// pictures are detected only among decoded views. Writes nothing. Exit code 0 if the dataset is sound, 4 if
     /// something is broken, 1 if it cannot be opened.
     Check {
-        /// The dataset, [NAME:]FORMAT=PATH[,key=value…]; several are checked one by one
+        /// Datasets to check, [NAME:]FORMAT=PATH[,key=value…]
         #[arg(required = true, value_name = "SPEC", value_parser = clap_dataset)]
         datasets: Vec<DatasetConfig>,
-        /// Number of views to decode per scene, evenly spaced; for the others, only the existence
-        /// of files is checked
+        /// Number of views to decode per scene, evenly spaced; of the other views, only the existence of the files is
+        /// checked
         #[arg(long, value_name = "N", default_value_t = 10)]
         views: usize,
         /// Print JSON

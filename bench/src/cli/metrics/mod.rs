@@ -45,8 +45,8 @@ use crate::report::metrics_text::MethodsText;
 /// Score a prediction against a target: two pictures, or two folders
 ///
 /// Pictures are PNG, JPEG, WebP, TIFF or BMP, or floats [H,W,3] of sRGB values in 0..1 in .exr, .npy or .safetensors.
-/// Sizes must agree unless --resize-prediction is given. Folders are searched with their subfolders, and every picture
-/// needs a partner.
+/// Sizes must agree unless --resize-prediction is given. Folders are searched recursively, and every picture must have
+/// a counterpart in the other folder.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -58,8 +58,8 @@ Examples:
   sharp-bench metrics --explain --metrics all
   sharp-bench metrics --methods-text --metrics lpips-alex,dists
 
-If a metric named explicitly cannot be computed, the command fails; within `all` and `paper`, it is listed as
-unavailable, with the reason.")]
+If a metric that is named explicitly cannot be computed, the command fails. A metric of `all` or `paper` that cannot be
+computed is listed as unavailable, with the reason.")]
 pub(super) struct MetricsArgs {
     /// The prediction: a picture or a folder
     #[arg(required_unless_present_any = ["explain", "methods_text"])]
@@ -72,49 +72,49 @@ pub(super) struct MetricsArgs {
     /// How to pair the pictures of two folders
     #[arg(long = "match", value_enum, default_value_t = MatchBy::Stem)]
     match_by: MatchBy,
-    /// Also score inside a mask, under keys ending in @mask: one picture for all pairs, or a folder with one per pair
+    /// Also score inside a mask, under keys ending in @mask: one mask for all pairs, or a folder with a mask for each
+    /// pair
     ///
     /// Only white pixels (levels of 128 and more) are scored. PSNR uses the squared error of the pixels
     /// inside; SSIM is the mean of the SSIM map over the window centres inside; LPIPS is the mean of the
     /// LPIPS map over the pixels inside; DISTS has no masked form.
     #[arg(long, value_name = "FILE|DIR")]
     mask: Option<PathBuf>,
-    /// Write maps of the difference, of SSIM and of LPIPS for each pair: as PNG, dark where the
-    /// pictures agree and bright where they differ (--json has the values of both extremes), and as
-    /// EXR with the values
+    /// Write maps of the difference, SSIM and LPIPS of each pair, as PNG and EXR. A PNG is dark where the pictures
+    /// agree and bright where they differ (--json has the values of both extremes); an EXR has the values themselves
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
     /// Show the terms of LPIPS and DISTS, layer by layer
     #[arg(long)]
     terms: bool,
-    /// Find which of the selected metrics, or variants in other packages, give this number when
-    /// rounded or truncated to its number of decimals
+    /// Find the selected metrics, and variants in other packages, whose value equals this number when rounded or
+    /// truncated to as many decimals
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     find: Option<find::Sought>,
-    /// First resize each prediction to the size of its target with this kernel of torch, PIL or OpenCV; recorded with
-    /// the results
+    /// Resize each prediction to the size of its target first, with this kernel of torch, PIL or OpenCV; the results
+    /// record the kernel
     ///
     /// bilinear and bilinear-antialias are those of torch's interpolate, bicubic and lanczos are PIL's; area is
     /// OpenCV's and can only downscale. Without this option, unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
-    /// How to treat pictures that are not opaque: refuse, black or white (composite over it, in encoded values), or
-    /// drop (colours as stored)
+    /// How to treat pictures that are not opaque: refuse, black or white (composite over this colour, in encoded
+    /// values), or drop (use the colours as stored)
     #[arg(long, value_name = "RULE", default_value_t)]
     alpha: AlphaRule,
     /// How to treat pictures whose colour profile is not sRGB: convert (to sRGB) or as-stored
     #[arg(long, value_name = "RULE", default_value_t)]
     color: ColorRule,
-    /// How to treat pictures with an EXIF orientation: upright (auto does the same here) or stored (not turned)
+    /// How to treat pictures with an EXIF orientation: upright or auto (turn upright), or stored (do not turn)
     #[arg(long, value_name = "RULE", default_value_t)]
     orientation: OrientationRule,
     /// Transfer function of EXR files that do not state one: linear (as most programs write) or srgb (encoded values)
     #[arg(long, value_name = "TRANSFER")]
     exr: Option<ExrTransfer>,
-    /// Class of CPU kernels for the networks: avx512, avx2 or portable [default: the machine's fastest]
+    /// Instruction set of the CPU kernels for the networks: avx512, avx2 or portable [default: the machine's fastest]
     #[arg(long, value_name = "SET")]
     simd: Option<InstructionSet>,
-    /// Use direct instead of Winograd convolution: slower, smaller rounding errors
+    /// Use direct convolution instead of Winograd convolution: slower, but with smaller rounding errors
     #[arg(long)]
     exact: bool,
     /// Write a CSV with a row per pair; unavailable scores are empty

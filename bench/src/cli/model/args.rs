@@ -32,7 +32,8 @@ pub(crate) struct ModelArgs {
     /// build with --features metal; untested)
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub(crate) device: DeviceChoice,
-    /// On the CPU, use direct instead of Winograd convolution: slower, rounding errors five times smaller
+    /// On the CPU, use direct convolution instead of Winograd convolution: slower, but with rounding errors five times
+    /// smaller
     #[arg(long)]
     pub(crate) exact: bool,
 }
@@ -82,8 +83,8 @@ pub(crate) struct PhotoArgs {
     /// Refuse photographs with more pixels, before they are decoded
     #[arg(long, value_name = "N", default_value_t = PhotoOptions::default().max_pixels)]
     pub(crate) max_pixels: u64,
-    /// How to treat a photograph that is not opaque: drop (colours as stored, as the release does, with a warning),
-    /// refuse, or black or white (composite over it, in encoded values)
+    /// How to treat a photograph that is not opaque: drop (use the colours as stored, as the release does, and warn),
+    /// refuse, or black or white (composite over this colour, in encoded values)
     #[arg(long, value_name = "RULE", default_value_t = AlphaRule::Drop)]
     pub(crate) alpha: AlphaRule,
     /// How to treat a photograph whose colour profile is not sRGB: convert (to sRGB) or as-stored (as the release does)

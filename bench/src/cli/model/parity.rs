@@ -27,28 +27,28 @@ use crate::io::gaussian_files;
 use crate::pictures::keyed_scores::json_number;
 use crate::rendering::SharedRenderer;
 
-/// Compare a network with a recording, stage by stage, and report the first stage that diverges; or
-/// compare a port's Gaussians with ours
+/// Compare a network with a recording, stage by stage, and report the first stage that diverges; or compare the
+/// Gaussians of a port of SHARP with those of sharp-bench
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
   sharp-bench parity --checkpoint tiny_model.pt --config tiny_config.json#tiny \\
       --image main_640x480.png --focal-px 500 --golden golden_tiny.safetensors
 
-The error of a stage is its largest difference divided by its largest absolute value. Exit code 1 if an error exceeds
---tolerance or a stage was not computed (then its error is \"inf\", also in --json).
+The error of a stage is its largest difference divided by its largest absolute value. The exit code is 1 if an error
+exceeds --tolerance, or if a stage was not computed (its error is then \"inf\", also in --json).
 
 To trace a change of the full network, run `record` before the change and `parity` after it. The comparison with the
 recordings of the official network at full size is a test: cargo test --release -p sharp-tests --test golden_model --
 --ignored --test-threads=1
 
 A port of SHARP to another framework is compared by its output, a PLY for the same photograph. The first command compares
-with a PLY of the release or of `predict`, the second runs the network:
+the port with a PLY of the release or of `predict`, the second command with a new prediction by the network:
   sharp-bench parity --port theirs.ply --against photo.ply
   sharp-bench parity --port theirs.ply --image photo.jpg
 
-Printed for each attribute are the median, the 99th percentile and the maximum of the differences between Gaussians, and
-the settings (axes, order, encodings) that explain large differences. Exit code 1 if a 99th percentile exceeds
+For each attribute, the output shows the median, the 99th percentile and the maximum of the differences between Gaussians,
+and settings (axes, order, encodings) that explain large differences. The exit code is 1 if a 99th percentile exceeds
 --tolerance, in pixels or per cent.")]
 pub(crate) struct ParityArgs {
     #[command(flatten)]
@@ -61,7 +61,7 @@ pub(crate) struct ParityArgs {
     /// Compare with this recording, stage by stage
     #[arg(long, value_name = "REC.safetensors", required_unless_present = "port")]
     golden: Option<PathBuf>,
-    /// Compare this file of a port's Gaussians, in any format; --color-space, --read and --axes describe it
+    /// Compare this file of a port's Gaussians, in any format; --color-space, --read and --axes describe the file
     #[arg(long, value_name = "FILE", conflicts_with = "golden")]
     port: Option<PathBuf>,
     /// Compare --port with this PLY, predicted from the same photograph by the release or by `predict` [default:

@@ -36,9 +36,9 @@ Examples:
 The focal length sets the metric scale. It is read from --focal-px, else from the photograph's EXIF tags; without either, a
 30 mm lens on 35 mm film is assumed, with a warning.
 
-With --depth-only, Depth Pro (github.com/apple/ml-depth-pro) predicts z-depth at the photograph's size. Its published
-checkpoint was never run here. If neither --focal-px nor a 35 mm equivalent in the photograph gives the focal length, the
-network estimates it.
+With --depth-only, Depth Pro (github.com/apple/ml-depth-pro) predicts z-depth at the photograph's size. Predictions with its
+published checkpoint were never tested. If neither --focal-px nor a 35 mm equivalent in the photograph gives the focal
+length, the network estimates it.
 
 Photographs are PNG, JPEG, WebP, TIFF or BMP: colour, grey, palette, 8 or 16 bit, CMYK. Palettes, 16 bit and CMYK are
 read with the colours that they represent. The release instead reads palette indices as grey levels, 16 bit as 8 bit,
@@ -60,8 +60,7 @@ pub(crate) struct PredictArgs {
     /// Also write both depth layers next to the PLY
     #[arg(long, value_enum, value_name = "FORM")]
     pub(super) depth: Option<DepthForm>,
-    /// Write only depth, predicted by a checkpoint of Depth Pro; files in a folder are .exr unless --depth says
-    /// otherwise
+    /// Write only depth, predicted by a checkpoint of Depth Pro; files in a folder are .exr unless --depth is given
     #[arg(long, requires = "checkpoint", conflicts_with = "plain")]
     depth_only: bool,
     /// Print JSON

@@ -15,7 +15,8 @@ Example:
   sharp-bench record --checkpoint before.pt --image photo.png --out before.safetensors
   sharp-bench parity --checkpoint after.pt --image photo.png --golden before.safetensors
 
-Small stages are written whole, large ones at 512 positions that depend only on the stage's name.")]
+Small stages are written whole. Of large stages, 512 values are written, at positions that depend only on the stage's
+name.")]
 pub(crate) struct RecordArgs {
     #[command(flatten)]
     model: ModelArgs,
@@ -27,7 +28,7 @@ pub(crate) struct RecordArgs {
     /// Name of the recording within the --out file [default: the photograph's stem]
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
-    /// Write all values of a stage if there are at most this many
+    /// Write all values of a stage that has at most N values
     #[arg(long, value_name = "N")]
     whole_up_to: Option<usize>,
     /// File to write

@@ -24,7 +24,7 @@ use crate::pairs::provenance::ListCompanion;
 pub(super) struct BuildArgs {
     #[command(flatten)]
     datasets: DatasetArgs,
-    /// Pair options that the paper leaves open, key=value,…; listed below
+    /// How to build pairs where the paper leaves a choice, key=value,…; listed below
     #[arg(long, value_name = "LIST", default_value = "")]
     pair_options: PairOptions,
     #[command(flatten)]

@@ -17,7 +17,7 @@ use crate::pairs::pair_list::{ListDiff, Verification};
 /// At most this many lines are printed per kind of difference; `--json` prints all.
 const LINES: usize = 20;
 
-/// Compare two lists: pairs that only one has, and values that differ
+/// Compare two lists: show pairs that are in only one list, and values that differ
 ///
 /// Ignores the order of rows. Exit code 0 if the lists have the same pairs with the same values, 4 if not.
 #[derive(Debug, Args)]
@@ -102,7 +102,7 @@ fn first_lines<T>(head: &str, items: &[T], text: impl Fn(&T) -> String) -> Strin
     all
 }
 
-/// Check a list against your files: photographs by sha256, camera pairs by baseline and rotation
+/// Check that your files match a list: photographs by sha256, camera pairs by baseline and rotation
 ///
 /// Lists everything that differs. Exit code 0 if the files are those that the list was made from, 4 if not.
 #[derive(Debug, Args)]

@@ -39,7 +39,7 @@ pub(super) struct ExportArgs {
     /// Also write pairs that are not selected
     #[arg(long)]
     all: bool,
-    /// At most this many pairs, the same ones that `run --limit` evaluates
+    /// Write at most N pairs, the same ones that `run --limit` evaluates
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
     /// Also write the ground truth, or the depth of both views (.npy, metres) if the dataset has depth

@@ -16,8 +16,9 @@ use crate::pairs::{DatasetConfig, clap_dataset};
 
 /// Count or convert a published list of pairs
 ///
-/// With --dataset, the list is matched with the dataset's scenes and views, and --out is a list for `run --pairs`.
-/// Missing scenes are left out, with exit code 4. Without --out, the list is only counted.
+/// With --dataset, the list is matched with the dataset's scenes and views, and written to --out as a list for `run
+/// --pairs`. Scenes that the dataset does not have are left out, and the exit code is 4. Without --out, the pairs are
+/// only counted.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

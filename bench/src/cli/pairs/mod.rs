@@ -12,9 +12,8 @@ use crate::pairs::PairOptions;
 
 /// Build, compare, check, export and import lists of pairs
 ///
-/// A list is a CSV file with a sha256; it can be published, compared and evaluated with `run
-/// --pairs`. A list without selected pairs is still written, with a warning that gives the reason
-/// and exit code 4.
+/// A list is a CSV file with a sha256; it can be published, compared and evaluated with `run --pairs`. If no pair is
+/// selected, the list is still written, a warning gives the reason, and the exit code is 4.
 #[derive(Debug, Args)]
 #[command(after_help = help(), args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(super) struct PairsArgs {
@@ -41,9 +40,9 @@ Sparse depth (ETH3D, Tanks and Temples): the paper predicts dense depth with Dep
                          if depth_pro.pt is in torch's hub folder or in sharp-bench's cache, else ground-truth;
                          --overlap-checkpoint FILE names another file
   overlap=sharp-release  the first depth layer of SHARP's official checkpoint, scaled the same way
-  overlap=sparse:8       the dataset's sparse depth: agreement within 8 pixels of where a point lands
+  overlap=sparse:8       the dataset's sparse depth; a point is seen if a depth within 8 pixels of its projection agrees
 None of these uses the method under test. overlap=depth-pro was compared with Depth Pro's code at small size, but never
-run on its published weights. To use Depth Pro's own code instead (github.com/apple/ml-depth-pro, in its environment and
+with its published weights. To use Depth Pro's own code instead (github.com/apple/ml-depth-pro, in its environment and
 with its checkpoint):
   sharp-bench cameras export --dataset eth3d=data/eth3d --out views
   for each views/<dataset>/<scene>/<view>.png, in Python:

@@ -25,12 +25,12 @@ use crate::rendering::BatchRenderer;
 
 /// Render 3D Gaussians to a picture, frames or a movie
 ///
-/// SCENE is a .ply file (SHARP's own or a plain 3D Gaussian one) or a .safetensors file with `means`, `quats_wxyz`,
+/// SCENE is a .ply file (from SHARP, or of plain 3D Gaussians) or a .safetensors file with `means`, `quats_wxyz`,
 /// `scales`, `opacities` and either `colors_linear` or `sh` (harmonics of encoded colours, [N,(degree+1)²,3]). OUT is
 /// .png (sRGB, 8 bit), .exr (linear RGB, alpha, accumulated depth) or .safetensors (`rgb_linear` [H,W,3], `alpha`
-/// [H,W], `depth_acc` [H,W]). With --rendering or encoded colours, .safetensors has `rgb` instead of `rgb_linear`: in
-/// the rule's blending space, over the background and not clamped. If the camera moves, OUT is a folder for PNG frames,
-/// .gif, or .mp4 (through an installed ffmpeg).
+/// [H,W], `depth_acc` [H,W]). With --rendering or encoded colours, .safetensors has `rgb` instead of `rgb_linear`;
+/// `rgb` is in the rule's blending space, composited over the background, and not clamped. If the camera moves, OUT is
+/// a folder for PNG frames, a .gif, or an .mp4 (which needs ffmpeg).
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -47,14 +47,14 @@ cam.json, with pixel centres at +0.5, and both matrices row by row (camera_from_
   {\"width\": 640, \"height\": 480, \"K\": [500,0,320, 0,500,240, 0,0,1],
    \"camera_from_world\": [1,0,0,0.1, 0,1,0,0, 0,0,1,0, 0,0,0,1]}
 
-The same command resumes a folder of frames that was stopped. If the GPU is lost or out of memory, the CPU
-takes over, with a warning.")]
+The same command resumes a folder of frames that was stopped. If the GPU is lost or out of memory, a warning
+is printed, and the CPU renders the rest.")]
 pub(super) struct RenderArgs {
     /// The Gaussians: .ply, .spz, .sog, .splat or .safetensors
     scene: PathBuf,
     #[command(flatten)]
     reading: ReadingArgs,
-    /// The camera [default: the one in the PLY]
+    /// The camera [default: the camera in the PLY]
     #[arg(long, value_name = "CAM.json")]
     camera: Option<PathBuf>,
     /// Output: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
@@ -95,14 +95,14 @@ pub(super) struct RenderArgs {
     /// movie)
     #[arg(long)]
     depth: bool,
-    /// Depths shown as dark red and dark blue, the ends of the colour scale, in metres [default:
-    /// the 0.001 and 0.999 quantiles of all Gaussians in front of the camera]
+    /// Depths in metres at the ends of the colour scale: NEAR is dark red, FAR dark blue [default: the 0.001 and 0.999
+    /// quantiles of all Gaussians in front of the camera]
     #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = args::depth_range)]
     depth_range: Option<[f32; 2]>,
     /// Also write coverage as linear grey levels (.alpha.png, or a movie)
     #[arg(long)]
     alpha: bool,
-    /// Render one of SHARP's two layers alone, by index (the first or second half of the Gaussians), or `all` into
+    /// Render only layer 0 or 1 of SHARP's two layers (the first or second half of the Gaussians), or `all` layers into
     /// separate files
     #[arg(long, value_name = "0|1|all")]
     layer: Option<Layers>,

@@ -21,8 +21,8 @@ use crate::io::observer::Observer;
 /// Names to fetch, and accepted terms.
 #[derive(Debug, Args)]
 pub(super) struct FetchArgs {
-    /// `metrics` for all missing networks of LPIPS and DISTS, or one of them: alexnet, vgg16, squeezenet1_1; `sharp`
-    /// for the official checkpoint; `resnet50dilated` for the network of the perceptual loss, used in training
+    /// `metrics` for all missing networks of LPIPS and DISTS, alexnet, vgg16 or squeezenet1_1 for one of them, `sharp`
+    /// for the official checkpoint, or `resnet50dilated` for the network of the perceptual loss, used in training
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
     /// Only report whether the named weights are present

@@ -39,19 +39,19 @@ enum WeightsCommand {
     ///
     /// Of the networks of LPIPS and DISTS, only the feature layers are kept. No hash of SHARP's checkpoint is
     /// published, so its size and sha256 are recorded at the first use, and later uses are compared with this record. A
-    /// checkpoint in the release's own cache folder is used in place. Proxies are read from the usual environment
+    /// checkpoint in the release's own cache folder is used from there. Proxies are read from the usual environment
     /// variables. If SHARP_BENCH_MIRROR is set to an address, files are fetched from that address under their
     /// publishers' file names.
     Fetch(fetch::FetchArgs),
     /// Show the contents of a file: modules, parameters, non-finite values
     ///
     /// A file that looks like SHARP's, or any file with --config, is compared with a network: the file must have the
-    /// tensors that the network uses, with the same shapes, and no unknown ones. Without --config, the network is that
-    /// of a fitting .json next to the file, or else the release's.
+    /// tensors that the network uses, with the same shapes, and no unknown tensors. Without --config, the network is
+    /// that of a fitting .json next to the file, or else the release's.
     Check {
         /// The file: .pt, .pth (zip or older) or .safetensors
         file: PathBuf,
-        /// The network that the file should fit, `release`, or FILE.json#NAME for one of another size
+        /// The network that the file should fit: `release`, or FILE.json#NAME for a network of another size
         #[arg(long, value_name = "FILE[#NAME]")]
         config: Option<String>,
         /// Accept unknown tensors with this name prefix; repeatable
@@ -73,7 +73,7 @@ enum WeightsCommand {
         /// Architecture of the network, `release` or FILE.json#NAME
         #[arg(long, value_name = "FILE[#NAME]", default_value = "release")]
         config: String,
-        /// Any text; each text selects another set of values
+        /// Any text; different texts give different weights
         #[arg(long, default_value = "")]
         salt: String,
         /// The file to write

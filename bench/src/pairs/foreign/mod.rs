@@ -48,7 +48,7 @@ pub enum Context {
     /// The second
     #[value(name = "1")]
     Second,
-    /// For each target, the context view at the nearest position, or the first of two equally near ones
+    /// For each target, the context view at the nearest position; of two equally near views, the first
     Nearest,
 }
 

@@ -20,18 +20,18 @@ pub(super) const MEANINGS: [&str; 20] = [
     "which views of a scene share a set; pairs are formed within sets",
     "number of views in a set, 2 or more",
     "whether to keep a last set with fewer views than the others",
-    "number of sets used per scene (the first ones)",
+    "number of sets used per scene, from the first on",
     "whether two views make pairs in both directions, or only from the earlier to the later view",
-    "what to do with views without depth: exclude them from pairs, accept their pairs without an overlap, or leave \
-     them out before sets are formed",
+    "what to do with views without depth: exclude them from pairs, accept their pairs without measuring overlap, or \
+     leave them out before sets are formed",
     "source of the depth that decides overlap; sparse alone means sparse:8",
-    "when a pixel that projects into the other picture at depth z, where that picture has depth D, counts as seen: \
-     consistent, if |D - z| <= RELATIVE * z; frustum, always; absolute, if |D - z| < METRES + RELATIVE * z and \
-     z > NEAREST, both in metres; map-anything, as absolute with MapAnything's values",
-    "how the other view's depth is read where a pixel lands",
+    "when a pixel counts as seen, given its depth z in the other view and that view's depth D at the same place: \
+     consistent, if |D - z| <= RELATIVE * z; frustum, always; absolute, if |D - z| < METRES + RELATIVE * z and z > \
+     NEAREST, both in metres; map-anything, like absolute with MapAnything's values",
+    "how the other view's depth is read at a projected position",
     "what the number of seen pixels is divided by: the pixels with depth, all pixels, or the other view's pixels with \
      depth",
-    "only every N-th pixel and row is projected; N is 1 or more",
+    "only every N-th pixel of every N-th row is projected; N is 1 or more",
     "longer side, in pixels, to which depth maps are downscaled first",
     "which of a pair's two overlaps the threshold applies to",
     "minimum overlap, 0 or more",

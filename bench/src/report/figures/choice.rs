@@ -56,9 +56,9 @@ pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
-    /// How to choose pairs of each dataset if --pair is not given. By the first metric, either the pairs whose mean
-    /// over the ranked methods is the median, the worst or the best; or the pairs on which METHOD loses most against
-    /// OTHER (datasets where it never loses are left out)
+    /// How to choose pairs of each dataset without --pair, by the first metric: median, worst or best score, as the
+    /// mean over the ranked methods; or the pairs on which METHOD loses most against OTHER (datasets where METHOD never
+    /// loses are left out)
     #[arg(
         long,
         value_name = "median|worst|best|loses:METHOD:OTHER",

@@ -23,7 +23,7 @@ use sharp_plots::style::FigureStyle;
 /// What a sheet shows for its pairs.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SheetOptions {
-    /// A part of the pictures to frame and enlarge, in pixels of the target; repeatable
+    /// Part of the pictures to outline and enlarge, in pixels of the target; repeatable
     #[arg(long = "crop", value_name = "X,Y,W,H", value_parser = region)]
     pub crops: Vec<Region>,
 }

@@ -17,7 +17,7 @@ pub enum Motion {
     /// Angle between the cameras, degrees
     #[value(name = "rotation_deg")]
     RotationDeg,
-    /// Share of the target's pixels with depth that the source sees, as measured in the pair list
+    /// Share of the target's pixels with depth that are visible in the source, from the pair list
     #[value(name = "overlap")]
     Overlap,
     /// Baseline divided by the target's median depth (the source's, if only the source has depth)

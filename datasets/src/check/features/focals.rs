@@ -133,8 +133,8 @@ pub(in crate::check) fn swapped_focals(views: &[View]) -> Option<(String, Vec<DV
     let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
     let factor = |view: &View| kinds[usize::from(is_same(focal(view), kinds[0]))] / focal(view);
     let text = format!(
-        "views with the focal length of {} ({} pixels) and views with that of {} ({}) appear to have each other's \
-         focal length",
+        "the focal lengths of {} ({} pixels) and {} ({}) appear to be swapped, also in all views with the same focal \
+         lengths",
         one.id,
         number(kinds[0].x),
         two.id,
@@ -220,7 +220,7 @@ mod tests {
         let matches = moving(&mut views, 0.0, true);
         let (said, note) = read(&matches, &views, DVec2::splat(1.5));
         assert!(
-            said.is_none() && note.ends_with("cannot be judged"),
+            said.is_none() && note.ends_with("whether focal lengths are correct"),
             "{said:?} {note}"
         );
     }

@@ -113,7 +113,7 @@ impl<'a> Matches<'a> {
         let explained = self.explained(CONVENTIONS[0].take, &Some);
         let (n, share) = (self.matches.len(), share(&explained));
         let unjudged = if share >= MIN_SHARE && self.leaves_focals_open(share) {
-            ", from which focal lengths cannot be judged"
+            ", which does not show whether focal lengths are correct"
         } else {
             ""
         };
@@ -190,7 +190,10 @@ impl<'a> Matches<'a> {
         let others: Vec<&str> = alike.map(|(_, name, _)| name).collect();
         let mut evidence = found.evidence();
         if !others.is_empty() {
-            evidence += &format!("; about as many do with {}", others.join(", or with "));
+            evidence += &format!(
+                "; about as many features fit with {}",
+                others.join(", or with ")
+            );
         }
         Some((Change::Convention(name), evidence))
     }

@@ -850,8 +850,8 @@ fn swapped_focal_lengths_are_named_without_depth() {
         (view.intrinsics.fx, view.intrinsics.fy) = (focal(i + 1), focal(i + 1));
     }
     let said = found(&views);
-    let cause = "views with the focal length of view_00 (253.4 pixels) and views with that of view_01 (230.4) appear to \
-                 have each other's";
+    let cause =
+        "the focal lengths of view_00 (253.4 pixels) and view_01 (230.4) appear to be swapped";
     assert!(said.len() == 1 && said[0].starts_with(cause), "{said:?}");
 }
 

@@ -235,7 +235,7 @@ fn shrunk_photographs_are_warned_about_once() {
         let text = said((300, 200), &[&[equivalent][..], &pitch, sizes].concat());
         assert_eq!(text.len(), 1, "{text:?}");
         assert!(
-            text[0].contains("the latter if it was cropped") && text[0].contains("1250.00 px"),
+            text[0].contains("which is right if it was cropped") && text[0].contains("1250.00 px"),
             "{text:?}"
         );
     }
