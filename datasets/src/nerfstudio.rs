@@ -214,7 +214,19 @@ fn read_scene(
     if json.ends_with(NAMES[0]) {
         scene.note_unused(&folders);
     }
-    scene.finish_with_views(root.id_of(folder), "")
+    let mut scene = scene.finish_with_views(root.id_of(folder), "")?;
+    if let Some(level) = file.depth_level {
+        let stated = level * scale / file.applied_scale;
+        let has_depth = file.frames.iter().any(|f| f.depth_file_path.is_some());
+        if has_depth && (stated / depth_unit - 1.0).abs() > 1e-3 {
+            scene.warnings.push(format!(
+                "{}: integer_depth_scale states {stated} m per level of depth, but depth-unit is {depth_unit}; set \
+                 depth-unit={stated} if the depth maps are integers",
+                json.display()
+            ));
+        }
+    }
+    Ok(scene)
 }
 
 struct FrameReader<'a> {

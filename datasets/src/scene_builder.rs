@@ -181,7 +181,7 @@ impl<'a> SceneBuilder<'a> {
 }
 
 /// Reason for excluding a frame with an invalid pose.
-pub(crate) const NO_POSE: &str = "the pose is not finite or not rigid";
+pub(crate) const NO_POSE: &str = "the pose is not finite or not rigid (if its rotation is scaled, divide the columns by their length)";
 
 /// Reason for excluding a frame with an invalid matrix.
 pub(crate) fn no_pose(error: &CameraError) -> &'static str {

@@ -20,7 +20,7 @@ use crate::io::counts::counted;
 #[command(after_help = "\
 Examples:
   sharp-bench status runs/all
-  sharp-bench status runs/all --unfinished-shards 64     (prints the shards to submit, such as 2,17-19)")]
+  sharp-bench status runs/all --unfinished-shards 64     (shards to submit, such as 2,17-19)")]
 pub(super) struct StatusArgs {
     /// The run folder
     #[arg(value_name = "RUN")]

@@ -39,6 +39,8 @@ worded! {
         Linear = "contain linear light but were read as sRGB (exr=linear reads such EXR files)",
         EncodedTwice = "are sRGB-encoded twice (exr=srgb reads EXR files that hold sRGB values)",
         HalfContrast = "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1",
+        Quarter =
+            "have a quarter of their photographs' levels, like 14-bit values in 16-bit files; multiply them by 4",
         DarkHalfCutOff =
             "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1",
         LimitedRange =
@@ -119,6 +121,10 @@ worded! {
         Noise =
             "are noise, with uncorrelated neighbouring pixels (perhaps latents, unfinished sampling or bytes read as \
              another type)",
+        /// At most 256 colours.
+        Palette =
+            "have at most 256 different colours, as if they had been stored with a palette; store them with 8 bits per \
+             channel",
         /// Blocks of equal pixels.
         Blocks =
             "consist of blocks of equal pixels, as if small pictures had been enlarged by repeating pixels; store \
@@ -133,6 +139,7 @@ impl PictureChange {
             self,
             Self::Wrapped
                 | Self::Unscaled
+                | Self::Palette
                 | Self::Bars
                 | Self::Unfinished
                 | Self::Interlaced
@@ -155,7 +162,9 @@ impl PictureChange {
             self,
             Bgr | Grb | Rbg | Gbr | Brg | Luma | Hsv | Lab | Normalised | Negative
         );
-        is_moved || is_recoloured || matches!(self, Panels | EqualChannels | Noise | Unscaled)
+        is_moved
+            || is_recoloured
+            || matches!(self, Photograph | Panels | EqualChannels | Noise | Unscaled)
     }
 
     /// The change with its measured numbers set to 0.

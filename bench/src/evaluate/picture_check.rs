@@ -5,6 +5,8 @@
 //! of a dataset significantly closer to their photographs. Shifts are not tried here: if a method ignores parallax, all
 //! its pictures of a stereo dataset are shifted alike. Scores do not depend on this check.
 
+use std::collections::HashSet;
+
 use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotate270, thumbnail};
 use image::{GenericImageView, Rgb, RgbImage};
 use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
@@ -58,6 +60,13 @@ const PERMUTATIONS: [(PictureChange, [usize; 3]); 5] = [
     (PictureChange::Gbr, [2, 0, 1]),
     (PictureChange::Brg, [1, 2, 0]),
 ];
+
+/// Number of colours of a palette.
+const PALETTE: usize = 256;
+/// Pictures with fewer colours than this are nearly uniform rather than stored with a palette.
+const FEWEST_OF_PALETTE: usize = 16;
+/// A photograph has more colours than this if a picture with a palette cannot show it well.
+const MIN_COLOURS: usize = 16 * PALETTE;
 
 /// A colour space, its conversion to RGB, and the stored position of each of its channels. Positions are reversed if
 /// OpenCV wrote the channels as BGR.
@@ -120,6 +129,9 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     }
     if has_equal_channels(&seen, picture) {
         return Some(PictureChange::EqualChannels);
+    }
+    if has_palette(photograph, picture) {
+        return Some(PictureChange::Palette);
     }
     if is_noise(photograph, picture) {
         return Some(PictureChange::Noise);
@@ -200,6 +212,7 @@ fn undone_change(
         is_right.then_some(after)
     };
     let is_upper_half = shown.iter().all(|level| *level >= 127);
+    let is_low_quarter = ends[1] <= 64;
     let full = mapped(shown, |color| {
         color.map(|v| ((f32::from(v) - 16.0) * 255.0 / 219.0).round() as u8)
     });
@@ -232,6 +245,7 @@ fn undone_change(
             PictureChange::HalfContrast,
             ranged(|v| 2.0 * v - 255.0, is_upper_half),
         ),
+        (PictureChange::Quarter, ranged(|v| 4.0 * v, is_low_quarter)),
         (
             PictureChange::DarkHalfCutOff,
             ranged(|v| (v + 255.0) / 2.0, false),
@@ -261,6 +275,18 @@ pub(crate) fn shrunk(picture: &RgbImage) -> RgbImage {
     let (width, height) = picture.dimensions();
     let to = width.min(WIDTH);
     thumbnail(picture, to, (height * to / width).max(1))
+}
+
+/// Whether a picture has so few colours that it was stored with a palette, unlike its photograph.
+fn has_palette(photograph: &RgbImage, picture: &RgbImage) -> bool {
+    let colours = |of: &RgbImage, most: usize| {
+        let mut seen = HashSet::new();
+        let mut pixels = of.pixels();
+        pixels.find(|pixel| seen.insert(pixel.0) && seen.len() > most);
+        seen.len()
+    };
+    let own = colours(picture, PALETTE);
+    (FEWEST_OF_PALETTE..=PALETTE).contains(&own) && colours(photograph, MIN_COLOURS) > MIN_COLOURS
 }
 
 /// True if a picture has little in common with a [`shrunk`] photograph. False for uniform pictures.
@@ -360,6 +386,10 @@ mod tests {
             }),
             (PictureChange::DarkHalfCutOff, |p| {
                 levels(p, |v| 2.0 * v - 255.0)
+            }),
+            (PictureChange::Quarter, |p| levels(p, |v| v / 4.0)),
+            (PictureChange::Palette, |p| {
+                mapped(p, |color| color.map(|v| v / 64 * 64 + 32))
             }),
             (PictureChange::Negative, inverted),
             (PictureChange::Mirrored, flip_horizontal),

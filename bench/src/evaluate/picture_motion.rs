@@ -168,8 +168,9 @@ pub(super) fn shown_camera(
         agreeing as f64 / inside.count().max(MIN_BLOCKS) as f64
     });
     let motion = multiple(&blocks).map(|(percent, share)| (ShownCamera::Moved(percent), share));
-    let still = shares[CANDIDATES - 1];
-    let simple = motion.map_or(0.0, |(_, share)| share).max(still);
+    let simple = motion
+        .map_or(0.0, |(_, share)| share)
+        .max(shares[CANDIDATES - 1]);
     let is_turned = target_from_source.rotation_deg() >= MIN_TURN;
     let poses = misread
         .iter()
@@ -196,14 +197,10 @@ pub(super) fn shown_camera(
         .filter(|(_, share)| *share >= MIN_POSE_SHARE)
         .chain(motion);
     let best = causes.max_by(|a, b| a.1.total_cmp(&b.1));
-    // If the cameras look at one point, the source's view resembles a larger motion than the target's.
-    let is_still = still >= MIN_AGREEING_STILL && best.is_none_or(|(_, share)| still >= share);
-    let camera = if is_still {
-        Some(ShownCamera::Moved(0))
-    } else {
-        best.map(|(cause, _)| cause)
-    };
-    MeasuredMotion { camera, masked }
+    MeasuredMotion {
+        camera: best.map(|(cause, _)| cause),
+        masked,
+    }
 }
 
 /// A block of the source's photograph that was found in the target's photograph. Places are in steps along the block's

@@ -38,6 +38,8 @@ const MIN_COPY_GAIN: f64 = 10.0;
 /// A prediction shows the source's view only if it is closer to the source's photograph than to the target's by at
 /// least this, in dB. [`MIN_SOURCE_VIEW_ERROR`] must also be reached.
 const MIN_SOURCE_VIEW_GAIN: f64 = 3.0;
+/// If a picture is closer to the source's photograph by at least this, in dB, it did not move, whatever was measured.
+const SURE_SOURCE_VIEW_GAIN: f64 = 5.0;
 /// A prediction shows the source's view only if its squared error against the target is at least this, relative to that
 /// of the source's photograph. Predictions of the target's view have a smaller error.
 const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
@@ -111,14 +113,30 @@ pub(super) fn note_order(
         let framing = shown_framing(intrinsics, translation, both, moved.is_some());
         framing.map(ShownCamera::Reframed).or(moved)
     });
-    use ShownTarget::{Own, Source, SourceView};
     let shows = shown_target(&seen, &shown, Some(&source), others);
-    (record.shows, record.camera) = match (shows, camera) {
-        (Some(Source), _) | (Some(SourceView), Some(ShownCamera::Moved(-5..=5))) => (shows, None),
+    let gain = || fit(&source, &shown).gain_over(&fit(&seen, &shown));
+    (record.shows, record.camera) = reconciled(shows, camera, gain);
+}
+
+/// Drops whichever of the view and the camera that a picture shows contradicts the other. `gain` computes how much
+/// closer the picture is to the source's photograph than to the target's, in dB.
+fn reconciled(
+    shows: Option<ShownTarget>,
+    camera: Option<ShownCamera>,
+    gain: impl FnOnce() -> f64,
+) -> (Option<ShownTarget>, Option<ShownCamera>) {
+    use ShownCamera::{Moved, Reframed};
+    use ShownTarget::{Own, Source, SourceView};
+    match (shows, camera) {
+        (Some(Source), _) | (Some(SourceView), Some(Moved(-5..=5))) => (shows, None),
+        // If both cameras look at one point, the source's view resembles a larger motion, or another framing.
+        (Some(SourceView), Some(Reframed(_) | Moved(51..))) if gain() >= SURE_SOURCE_VIEW_GAIN => {
+            (shows, None)
+        }
         // Poor depth may make a picture closer to the source, although its motion was measured.
         (Some(SourceView), Some(_)) => (Some(Own), camera),
         _ => (shows, camera),
-    };
+    }
 }
 
 /// The view that the picture `shown` resembles most, given its own target `seen`. The first that applies:
@@ -131,12 +149,6 @@ pub(crate) fn shown_target(
     source: Option<&RgbImage>,
     others: impl Iterator<Item = (ShownTarget, RgbImage)>,
 ) -> Option<ShownTarget> {
-    // Pictures of other targets may have been resized.
-    let fit = |seen: &RgbImage, shown: &RgbImage| {
-        let size = shown.dimensions();
-        let resized = (seen.dimensions() != size).then(|| thumbnail(seen, size.0, size.1));
-        Likeness::of(resized.as_ref().unwrap_or(seen), Region::whole(size), shown)
-    };
     if seen.dimensions() != shown.dimensions() {
         return None;
     }
@@ -168,6 +180,13 @@ pub(crate) fn shown_target(
         }
     }
     Some(best.map_or(ShownTarget::Own, |(place, _)| place))
+}
+
+/// Compares `shown` with `seen`, at the size of `shown`.
+fn fit(seen: &RgbImage, shown: &RgbImage) -> Likeness {
+    let size = shown.dimensions();
+    let resized = (seen.dimensions() != size).then(|| thumbnail(seen, size.0, size.1));
+    Likeness::of(resized.as_ref().unwrap_or(seen), Region::whole(size), shown)
 }
 
 /// The cameras measured in a group's pictures.
@@ -459,6 +478,15 @@ mod tests {
                 vec![(NoRotation, 3)],
                 ["show", "if it were not turned", "3 of the 3"],
             ),
+            // Pictures that moved too far resemble framings, each another one.
+            (
+                vec![
+                    (InversePose, 3),
+                    (framed(940, [13, 0]), 1),
+                    (framed(1000, [0, -9]), 1),
+                ],
+                ["show", "the inverse of the target's pose", "3 of the 3"],
+            ),
             (
                 vec![(Reversed(1), 4)],
                 [
@@ -490,6 +518,7 @@ mod tests {
             vec![(Moved(30), 2), (Moved(45), 2), (Moved(170), 2)],
             vec![(Moved(100), 8)],
             vec![(Moved(70), 8)],
+            vec![(InversePose, 2), (framed(940, [13, 0]), 2)],
             vec![(framed(800, [0, 0]), 3), (framed(900, [0, 0]), 3)],
             vec![(framed(1000, [12, 0]), 3), (framed(1000, [-12, 0]), 3)],
             vec![
@@ -535,6 +564,24 @@ mod tests {
             [told(0), told(5), told(7)],
             [[true; 2], [true; 2], [false; 2]]
         );
+    }
+
+    #[test]
+    fn a_picture_far_closer_to_the_source_did_not_move() {
+        use ShownCamera::{InversePose, Moved};
+        use ShownTarget::{Own, Source, SourceView};
+        let told = |shows, camera, gain: f64| reconciled(Some(shows), Some(camera), || gain);
+        assert_eq!(told(SourceView, Moved(133), 6.0), (Some(SourceView), None));
+        assert_eq!(
+            told(SourceView, Moved(133), 4.0),
+            (Some(Own), Some(Moved(133)))
+        );
+        for camera in [Moved(40), InversePose] {
+            assert_eq!(told(SourceView, camera, 9.0), (Some(Own), Some(camera)));
+        }
+        assert_eq!(told(SourceView, Moved(3), 4.0), (Some(SourceView), None));
+        assert_eq!(told(Source, Moved(100), 0.0), (Some(Source), None));
+        assert_eq!(told(Own, Moved(133), 9.0), (Some(Own), Some(Moved(133))));
     }
 
     #[test]

@@ -314,8 +314,11 @@ impl<'j, 'a> PairWork<'j, 'a> {
         unit.record.warnings = made.warnings;
         unit.record.rule_note = made.rule_note;
         for note in prediction.notes {
-            // Tables show one note of each kind. A kind is identified by the note's first four words.
-            let about = note.split(' ').take(4).collect::<Vec<_>>().join(" ");
+            // Tables show one note of each kind. A kind is identified by the note's first four words without numbers.
+            let words = note
+                .split(' ')
+                .filter(|word| !word.contains(char::is_numeric));
+            let about = words.take(4).collect::<Vec<_>>().join(" ");
             let id = &self.truth.planned.pair.pair_id;
             unit.record
                 .warnings

@@ -80,7 +80,8 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
         )
     } else {
         format!(
-            "no pair has an overlap above threshold={}; `pairs --ambiguity` counts the pairs under different options",
+            "no pair has an overlap above threshold={}; pixels without depth count as not overlapping, unless \
+             overlap=sparse:8 finds depth near them; `pairs --ambiguity` counts the pairs under different options",
             options.threshold
         )
     };

@@ -1,6 +1,7 @@
 //! Predictions and targets in two folders, matched by name.
 
 use std::collections::BTreeMap;
+use std::iter::zip;
 use std::path::{Path, PathBuf};
 
 use sharp_datasets::DatasetError;
@@ -16,11 +17,13 @@ pub enum MatchError {
     #[error("{}: no picture found in it (looked for {}); {inside}", path.display(), pictures::EXTENSIONS.join(", "))]
     Empty { path: PathBuf, inside: String },
     /// A picture without a counterpart.
-    #[error("{}: no picture with the same {by} in {}", path.display(), other.display())]
+    #[error("{}: no picture with the same {by} in {}{more}", path.display(), other.display())]
     Unmatched {
         path: PathBuf,
         other: PathBuf,
         by: MatchBy,
+        /// How many others have none, and how the other folder's names look; empty for a single picture.
+        more: String,
     },
     /// Two pictures that both match the same picture.
     #[error("{} and {} have the same {by}", first.display(), second.display())]
@@ -50,6 +53,9 @@ impl std::fmt::Display for MatchBy {
     }
 }
 
+/// Number of pictures without a counterpart that an error names.
+const NAMED: usize = 3;
+
 /// A prediction and its target.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Match {
@@ -71,23 +77,41 @@ pub fn match_folders(
     targets: &Path,
     by: MatchBy,
 ) -> Result<Vec<Match>, MatchError> {
-    let left = index(predictions, by)?;
-    let mut right = index(targets, by)?;
-    let mut pairs = Vec::with_capacity(left.len());
-    for (key, prediction) in left {
-        match right.remove(&key) {
-            Some(target) => pairs.push(Match {
-                key,
-                prediction,
-                target,
-            }),
-            None => return Err(unmatched(prediction, targets, by)),
-        }
+    let (left, right) = (index(predictions, by)?, index(targets, by)?);
+    let without = |own: &BTreeMap<String, PathBuf>, other: &BTreeMap<String, PathBuf>| {
+        let lacking = own.iter().filter(|(key, _)| !other.contains_key(*key));
+        lacking.map(|(_, path)| path.clone()).collect::<Vec<_>>()
+    };
+    let [alone, unpredicted] = [without(&left, &right), without(&right, &left)];
+    if let Some(path) = alone.first().or(unpredicted.first()) {
+        let other = if alone.is_empty() {
+            predictions
+        } else {
+            targets
+        };
+        let named = |of: &[PathBuf]| {
+            let names = of.iter().take(NAMED).filter_map(|path| path.file_name());
+            let names: Vec<_> = names.map(|name| name.to_string_lossy()).collect();
+            match names[..] {
+                [] => "none".to_owned(),
+                _ => format!("{} ({})", of.len(), names.join(", ")),
+            }
+        };
+        let more = format!(
+            "; predictions without a target: {}; targets without a prediction: {}; rename the files so that the names of \
+             each picture and its target match",
+            named(&alone),
+            named(&unpredicted)
+        );
+        return Err(unmatched(path.clone(), other, by, more));
     }
-    match right.into_values().next() {
-        Some(path) => Err(unmatched(path, predictions, by)),
-        None => Ok(pairs),
-    }
+    let pairs = zip(left, right.into_values());
+    let pairs = pairs.map(|((key, prediction), target)| Match {
+        key,
+        prediction,
+        target,
+    });
+    Ok(pairs.collect())
 }
 
 /// The picture in `folder` that matches `picture`, whose [`Match::key`] is `key`.
@@ -101,7 +125,7 @@ pub fn partner(
     by: MatchBy,
 ) -> Result<PathBuf, MatchError> {
     let found = index(folder, by)?.remove(key);
-    found.ok_or_else(|| unmatched(picture.to_owned(), folder, by))
+    found.ok_or_else(|| unmatched(picture.to_owned(), folder, by, String::new()))
 }
 
 /// The part of a picture's name used for matching, with composed accents.
@@ -113,11 +137,12 @@ pub fn shared_part(path: &Path, by: MatchBy) -> String {
     composed(&part.unwrap_or_default().to_string_lossy())
 }
 
-fn unmatched(path: PathBuf, other: &Path, by: MatchBy) -> MatchError {
+fn unmatched(path: PathBuf, other: &Path, by: MatchBy, more: String) -> MatchError {
     MatchError::Unmatched {
         path,
         other: other.to_owned(),
         by,
+        more,
     }
 }
 
@@ -189,7 +214,12 @@ mod tests {
         let (one, two) = (folder(&["x.png"]), folder(&["x.png", "y.png"]));
         for (a, b) in [(&one, &two), (&two, &one)] {
             let error = match_folders(a.path(), b.path(), MatchBy::Stem).unwrap_err();
-            assert!(error.to_string().contains("y.png: no picture"), "{error}");
+            let told = error.to_string();
+            assert!(told.contains("y.png: no picture"), "{told}");
+            assert!(
+                told.contains(": 1 (y.png)") && told.contains(": none"),
+                "{told}"
+            );
         }
         let two_found = partner("y", &one.path().join("y.jpg"), two.path(), MatchBy::Stem).unwrap();
         assert!(two_found.ends_with("y.png"));

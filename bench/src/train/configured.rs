@@ -134,7 +134,7 @@ mod tests {
         for (set, reason) in [
             ("stage1.steps", "expected KEY=VALUE"),
             ("zeros_return.a=1", "expected a boolean"),
-            ("stage1.steps=200", "`stage1.schedule.warmup_steps` leaves"),
+            ("stage1.steps=200", "warmup_steps` must be less"),
             ("stage1.stesp=200", "stesp"),
             ("stage1.stesp=", "does not set `stage1.stesp`"),
             ("stage2.seed=", "does not set `stage2.seed`"),

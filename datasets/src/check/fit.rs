@@ -182,6 +182,22 @@ impl Neighbours<'_> {
         })
     }
 
+    /// Whether depth and colours fit significantly better with the principal points as read than with one in the middle
+    /// of the picture.
+    pub(super) fn confirm_centre(&self) -> bool {
+        let Some(k) = self.views.first().map(|view| view.intrinsics) else {
+            return false;
+        };
+        let middle = DVec2::new(f64::from(k.width), f64::from(k.height)) / 2.0;
+        let centred = Reading {
+            centre_off: (middle - DVec2::new(k.cx, k.cy)) / f64::from(k.width),
+            ..Reading::AS_READ
+        };
+        let [as_read, centred] =
+            [Reading::AS_READ, centred].map(|of| self.explained(&of, self.stride));
+        !is_suspicious(&as_read) && is_better(&centred, &as_read, MIN_GAIN)
+    }
+
     /// Describes a contradiction between the views' poses, cameras, depth and pictures; `None` if
     /// there is none.
     pub(super) fn contradictions(&self, units: Units) -> Option<String> {

@@ -214,12 +214,13 @@ fn photographs(scene: &Scene) -> usize {
 }
 
 fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
-    let mut contradictions = plausible::cameras(&scene.views);
     let neighbours = match (&scene.pairing, effort.thorough) {
         // A single depth map is enough to judge a stereo pair.
         (Pairing::Stereo { .. }, false) => None,
         _ => Neighbours::new(&scene.views, effort),
     };
+    let is_centre_right = neighbours.as_ref().is_some_and(Neighbours::confirm_centre);
+    let mut contradictions = plausible::cameras(&scene.views, is_centre_right);
     let mut note = None;
     let floor = |matches: &Matches<'_>, neighbours: Option<&Neighbours<'_>>| {
         let rounded = || plausible::rounded(&scene.views, units).unwrap_or_default();

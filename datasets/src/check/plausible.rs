@@ -75,8 +75,9 @@ pub(super) fn are_of_other_size(views: &[View]) -> bool {
         .all(|view| calibrated_for(&view.intrinsics).is_some())
 }
 
-/// Implausible cameras: for each kind of error, a sentence with the first such camera.
-pub(super) fn cameras(views: &[View]) -> Vec<String> {
+/// Implausible cameras: for each kind of error, a sentence with the first such camera. `is_centre_right` says that
+/// depth confirms the principal points.
+pub(super) fn cameras(views: &[View], is_centre_right: bool) -> Vec<String> {
     let off_centre = |view: &View| {
         let k = &view.intrinsics;
         let (w, h) = (f64::from(k.width), f64::from(k.height));
@@ -128,14 +129,9 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
             view.id
         ))
     };
-    [
-        sentence(&off_centre),
-        sentence(&focal),
-        swapped_centres(views),
-    ]
-    .into_iter()
-    .flatten()
-    .collect()
+    let centre = [sentence(&off_centre), swapped_centres(views)];
+    let centre = centre.into_iter().filter(|_| !is_centre_right);
+    centre.chain([sentence(&focal)]).flatten().collect()
 }
 
 /// Message for a scene whose views all look in one direction and do not fit together.

@@ -18,12 +18,15 @@ pub struct Transforms {
     pub test_frames: Vec<JsonFrame>,
     /// `applied_scale`: the factor by which translations were multiplied; 1 if absent.
     pub applied_scale: f64,
+    /// `integer_depth_scale` (instant-ngp): the depth of one level of integer depth maps, in the poses' unit.
+    pub depth_level: Option<f64>,
 }
 
 #[derive(Debug)]
 pub struct JsonFrame {
     /// Path as written; may start with `./` and may have no extension.
     pub file_path: String,
+    /// `depth_file_path`, or instant-ngp's `depth_path`.
     pub depth_file_path: Option<String>,
     pub mask_path: Option<String>,
     /// True if the pose is unreliable (ScanNet++).
@@ -99,6 +102,7 @@ pub fn parse(text: &str) -> Result<Transforms, FormatError> {
         frames: read(frames)?,
         test_frames: read(test_frames.map_or(&[], Vec::as_slice))?,
         applied_scale,
+        depth_level: top.get("integer_depth_scale").and_then(Value::as_f64),
     })
 }
 
@@ -119,7 +123,7 @@ fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<JsonFrame, For
         intrinsics: shared.overridden_by(&own),
         shared: Arc::clone(shared),
         file_path,
-        depth_file_path: text("depth_file_path"),
+        depth_file_path: text("depth_file_path").or_else(|| text("depth_path")),
         mask_path: text("mask_path"),
         is_bad: object
             .get("is_bad")
@@ -325,6 +329,21 @@ mod tests {
             pose.apply(DVec3::new(0.5, 1.0, 2.0)),
             DVec3::new(1.5, 1.0, 1.0)
         );
+    }
+
+    #[test]
+    fn depth_has_two_names() {
+        let own = one(
+            "",
+            "\"depth_file_path\": \"own.png\", \"depth_path\": \"other.png\",",
+        );
+        assert_eq!(own.frames[0].depth_file_path.as_deref(), Some("own.png"));
+        let ngp = one(
+            "\"integer_depth_scale\": 0.0002,",
+            "\"depth_path\": \"z.png\",",
+        );
+        assert_eq!(ngp.frames[0].depth_file_path.as_deref(), Some("z.png"));
+        assert_eq!([own.depth_level, ngp.depth_level], [None, Some(0.0002)]);
     }
 
     #[test]

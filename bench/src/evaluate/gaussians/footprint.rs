@@ -4,10 +4,14 @@ use glam::{DMat3, DQuat, DVec3};
 use image::RgbImage;
 use rayon::prelude::*;
 use sharp::gaussians::Gaussians;
-use sharp::render::RenderView;
+use sharp::render::{Background, RenderView};
 
 use crate::rendering::shared::HOLE_ALPHA;
 
+/// Holes are reported if at least this share of the pixels is empty.
+pub(super) const MIN_HOLES: f64 = 0.02;
+/// The photograph has one colour in the holes if at least this share of their pixels has it.
+const MIN_PLAIN: f64 = 0.9;
 /// Side of a tile, pixels, as in gsplat.
 const TILE: f64 = 16.0;
 /// Gaussians are blended only where their alpha is at least this.
@@ -54,6 +58,37 @@ pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -
     let covered: f64 = parts.iter().map(|part| part.1).sum();
     let missing = 1.0 - covered / alpha.len().max(1) as f64;
     (missing >= MIN_MISSING && detail > 0.0 && lost >= MIN_DETAIL * detail).then_some(missing)
+}
+
+/// Advises another background if the photograph is white, or black, wherever `alpha` has holes, and the rendering's
+/// background is not.
+pub(super) fn other_background(
+    photograph: &RgbImage,
+    alpha: &[f32],
+    background: Background,
+) -> Option<String> {
+    let holes = photograph.pixels().zip(alpha);
+    let holes = holes.filter(|(_, alpha)| **alpha < HOLE_ALPHA);
+    let holes: Vec<[u8; 3]> = holes.map(|(pixel, _)| pixel.0).collect();
+    let share = holes.len() as f64 / alpha.len().max(1) as f64;
+    let mostly = |is: fn(&u8) -> bool| {
+        let count = holes.iter().filter(|pixel| pixel.iter().all(is)).count();
+        count as f64 >= MIN_PLAIN * holes.len() as f64
+    };
+    let other = if background != Background::White && mostly(|level| *level >= 250) {
+        "white"
+    } else if background != Background::Black && mostly(|level| *level <= 5) {
+        "black"
+    } else {
+        return None;
+    };
+    (share >= MIN_HOLES).then(|| {
+        format!(
+            "its Gaussians leave {:.0} % of the photograph they were predicted from empty, where the photograph is \
+             {other}, but the rendering has another background; set --background {other}",
+            100.0 * share
+        )
+    })
 }
 
 /// Share of the pixels whose value in `alpha` is below [`HOLE_ALPHA`].
@@ -165,6 +200,39 @@ mod tests {
     use sharp::camera::Intrinsics;
 
     use super::*;
+
+    #[test]
+    fn another_background_is_advised_if_all_holes_have_its_colour() {
+        let photograph = |plain: u8| {
+            RgbImage::from_fn(40, 30, |x, y| {
+                if x < 10 {
+                    image::Rgb([plain; 3])
+                } else {
+                    image::Rgb([(5 * x) as u8, (8 * y) as u8, 90])
+                }
+            })
+        };
+        let alpha = |holes: u32| -> Vec<f32> {
+            let all = (0..1200).map(|k| if k % 40 < holes { 0.0 } else { 1.0 });
+            all.collect()
+        };
+        let advised = |plain: u8, holes: u32, background: Background| {
+            let said = other_background(&photograph(plain), &alpha(holes), background)?;
+            Some(said.rsplit(' ').next().unwrap().to_owned())
+        };
+        let (black, white) = (Background::Black, Background::White);
+        assert_eq!(advised(255, 10, black).as_deref(), Some("white"));
+        assert_eq!(advised(0, 10, white).as_deref(), Some("black"));
+        for (plain, holes, background) in [
+            (255, 10, white),
+            (0, 10, black),
+            (255, 0, black),
+            (255, 30, black),
+            (200, 10, black),
+        ] {
+            assert_eq!(advised(plain, holes, background), None, "{plain} {holes}");
+        }
+    }
 
     /// A picture of 4 × 3 tiles with focal length 100. Gaussians are on its axis, 2 m away, with a
     /// standard deviation of 2 pixels, unless stated otherwise.

@@ -1,7 +1,7 @@
 //! Compares pictures with a part of a photograph and decides whether one is significantly closer.
 
-use image::RgbImage;
 use image::imageops::thumbnail;
+use image::{Rgb, RgbImage};
 
 use crate::scoring::Region;
 
@@ -347,6 +347,19 @@ pub(in crate::evaluate) fn blur(photograph: &RgbImage, picture: &RgbImage) -> Op
     let fit = Likeness::of(&coarse(photograph), Region::whole(COARSE), &coarse(picture));
     let lacks = 1.0 - shown / seen.max(1.0);
     (lacks >= MIN_BLUR && fit.explains()).then_some(lacks)
+}
+
+/// The photograph moved by half a pixel to the right and down; its first row and column are repeated.
+pub(super) fn between_pixels(photograph: &RgbImage) -> RgbImage {
+    let (width, height) = photograph.dimensions();
+    RgbImage::from_fn(width, height, |x, y| {
+        let (left, above) = (x.saturating_sub(1), y.saturating_sub(1));
+        let four = [(left, above), (x, above), (left, y), (x, y)];
+        let four = four.map(|(x, y)| photograph.get_pixel(x, y).0);
+        let mean =
+            |channel: usize| (four.iter().map(|p| u32::from(p[channel])).sum::<u32>() + 2) / 4;
+        Rgb([0, 1, 2].map(|channel| mean(channel) as u8))
+    })
 }
 
 #[cfg(test)]

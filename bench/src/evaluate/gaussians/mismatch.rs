@@ -4,7 +4,7 @@ use glam::{DMat3, DQuat, DVec3};
 use sharp::gaussians::Gaussians;
 use sharp::render::RenderError;
 
-use super::likeness::Likeness;
+use super::likeness::{Likeness, between_pixels};
 use super::rereading::{MIN_FACING_AREA, Seen, Trial};
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
@@ -51,6 +51,17 @@ impl Trial<'_> {
         is_blurred: bool,
     ) -> Result<Option<(f64, Likeness)>, RenderError> {
         let map = reading.placement.camera_from_file(self.source);
+        let between = between_pixels(self.photograph);
+        let moved = Trial {
+            photograph: &between,
+            moved: [0.5; 2],
+            ..*self
+        };
+        // At the pixels' centres, narrow Gaussians copy a photograph's noise, which correct ones smooth.
+        let fits_between = |narrower: &Gaussians| -> Result<bool, RenderError> {
+            let [own, other] = [gaussians, narrower].map(|of| moved.fit(of, map));
+            Ok(matches!((own?, other?), (Some(own), Some(other)) if other.gain_over(&own) > 0.0))
+        };
         let mut best: Option<(f64, Likeness)> = None;
         for factor in WIDTHS
             .into_iter()
@@ -74,6 +85,7 @@ impl Trial<'_> {
                 && best
                     .as_ref()
                     .is_none_or(|(_, known)| fit.error() < known.error())
+                && (factor > 1.0 || fits_between(&other)?)
             {
                 best = Some((factor, fit));
             }

@@ -255,9 +255,12 @@ impl Trial<'_> {
         };
         let other = self.fit_read(gaussians, reading, other)?;
         let gain = other.map_or(f64::NEG_INFINITY, |other| other.gain_over(&as_read));
-        // Be tolerant to logarithms: opacities hardly change the source's rendering, and opacities that were stored
-        // otherwise do not look like logarithms.
-        let is_rare = other_form.opacity == Some(StoredOpacity::Log);
+        // Be tolerant to forms of opacity: they hardly change the source's rendering, and opacities that were stored
+        // otherwise do not look like logarithms, or all lie between 0 and 1.
+        let is_rare = matches!(
+            other_form.opacity,
+            Some(StoredOpacity::Log | StoredOpacity::Linear)
+        ) && other_form.opacity != reading.stored.opacity;
         Ok(gain >= MIN_SOURCE_GAIN_DB
             || !as_read.explains() && gain > -RULED_OUT_LOSS_DB
             || is_rare && gain > -RULED_OUT_LOSS_OF_LOG_DB)

@@ -18,8 +18,8 @@ use sharp_datasets::{DepthMap, Scene};
 use sharp_metrics::{Mask, Picture, psnr};
 
 use super::depth_check::{depth_doubt, rounded};
-use super::footprint::{hole_share, missing_share};
-use super::likeness::{Likeness, blur, window};
+use super::footprint::{MIN_HOLES, hole_share, missing_share, other_background};
+use super::likeness::{Likeness, between_pixels, blur, window};
 use super::other_view::{OtherView, other_view, other_views};
 use super::registration::zoom;
 use super::render::placed;
@@ -52,8 +52,6 @@ const WEAK_DB: f64 = 3.0;
 /// Range of the contrast, relative to the photograph, if colour coefficients were multiplied by the constant harmonic
 /// (0.282) instead of divided by it, which changes contrast by a factor of 0.282² = 0.08.
 const SQUARED_CONSTANT: RangeInclusive<f64> = 0.06..=0.1;
-/// Gaussians may have been removed if at least this share of the pixels is empty.
-const MIN_HOLES: f64 = 0.02;
 /// Other readings are tried only on photographs with at least this many pixels; smaller ones do not show a Gaussian's
 /// shape.
 const FEWEST_PIXELS: usize = 1200;
@@ -192,7 +190,11 @@ pub(in crate::evaluate) fn check_source(
             facts.warnings.remove(topic);
         }
     }
-    if is_tried {
+    let background = renderer.settings().background;
+    if is_tried && let Some(text) = other_background(photograph, &output.alpha, background) {
+        let text = format!("{text} ({})", camera.id);
+        facts.warnings.insert("background".to_owned(), text);
+    } else if is_tried {
         add_doubts(
             &mut facts.warnings,
             prediction,
@@ -589,19 +591,6 @@ fn is_confirmed(
         return Ok(true);
     };
     Ok(other.error() < as_read.error())
-}
-
-/// The photograph moved by half a pixel to the right and down; its first row and column are repeated.
-fn between_pixels(photograph: &RgbImage) -> RgbImage {
-    let (width, height) = photograph.dimensions();
-    RgbImage::from_fn(width, height, |x, y| {
-        let (left, above) = (x.saturating_sub(1), y.saturating_sub(1));
-        let four = [(left, above), (x, above), (left, y), (x, y)];
-        let four = four.map(|(x, y)| photograph.get_pixel(x, y).0);
-        let mean =
-            |channel: usize| (four.iter().map(|p| u32::from(p[channel])).sum::<u32>() + 2) / 4;
-        image::Rgb([0, 1, 2].map(|channel| mean(channel) as u8))
-    })
 }
 
 /// Whether Gaussians in front of the photograph's mean colour are no closer to the photograph than that colour alone.

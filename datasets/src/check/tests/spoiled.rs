@@ -115,7 +115,7 @@ fn one_pose_or_one_depth_map_for_all_and_cameras_of_another_size_are_named() {
         let all = [&mut k.fx, &mut k.fy, &mut k.cx, &mut k.cy];
         all.into_iter().for_each(|value| *value /= 2.0);
     }
-    let said = plausible::cameras(&half);
+    let said = plausible::cameras(&half, false);
     assert!(
         said[0].contains("pictures 0.5 times as large; if so, multiply"),
         "{said:?}"
@@ -317,7 +317,7 @@ fn swapped_principal_points_are_named_and_crops_are_not() {
             change(std::slice::from_mut(view), |content| content.depth = None);
             (view.intrinsics.cx, view.intrinsics.cy) = (cx, cy);
         }
-        let all = plausible::cameras(&views);
+        let all = plausible::cameras(&views, false);
         all.join("; ")
     };
     for (cx, cy) in [(48.0, 64.0), (46.9, 65.5)] {

@@ -643,6 +643,16 @@ fn means_scaled_without_their_deviations_are_named_by_their_overlap() {
             assert_eq!(said(right, factor), "", "{factor}");
         }
     }
+    // Narrow Gaussians copy the noise of a photograph, which right ones smooth.
+    let mut noisy = dense.clone();
+    for (k, color) in noisy.colors.iter_mut().enumerate() {
+        *color = [color[0] + (k * 7919 % 97) as f32 / 300.0; 3];
+    }
+    noisy
+        .scales
+        .iter_mut()
+        .for_each(|scale| *scale = scale.map(|s| s / 5.0));
+    assert_eq!(said(&noisy, 5.0), "");
 }
 
 /// A picture in memory.
