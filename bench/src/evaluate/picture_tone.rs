@@ -573,7 +573,9 @@ mod tests {
             f64::from(srgb_from_linear(0.35 * linear_from_srgb(v as f32)))
         }
         let cases: [(&str, f64, &Change); 8] = [
-            ("(-1.51 EV)", 0.35, &|_, _, _, color| color.map(exposed)),
+            ("another exposure (-1.5", 0.35, &|_, _, _, color| {
+                color.map(exposed)
+            }),
             ("another exposure", 0.7, &|_, _, _, color| {
                 color.map(|v| 0.7 * v)
             }),
