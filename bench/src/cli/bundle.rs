@@ -22,7 +22,7 @@ pub(super) struct BundleArgs {
     /// The bundle to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Include the time and memory of predictions, which limits of `gate` on seconds_per_pair or peak_memory need
+    /// Include the time and memory of predictions; needed if `gate` has limits on seconds_per_pair or peak_memory
     #[arg(long)]
     times: bool,
     /// Print JSON

@@ -90,7 +90,7 @@ impl Display for ShownProgress<'_> {
         let progress = self.progress;
         writeln!(
             f,
-            "               units      done    failed  to score   missing"
+            "               units      done    failed  unscored   missing"
         )?;
         let all = [("all".to_owned(), progress.all)];
         for (label, count) in progress.methods.iter().chain(&all) {

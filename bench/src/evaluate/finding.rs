@@ -190,9 +190,9 @@ worded! {
         /// The target of the next pair.
         Next = "the target of the pair after theirs",
         Other = "the target of another pair",
-        /// No target: the source's photograph.
+        /// Not a target: the source's photograph.
         Source = "the source's photograph",
-        /// No target: the picture shows the source's view, but is not a copy of its photograph.
+        /// Not a target: the source's view, but no copy of its photograph.
         SourceView = "the source's view",
     }
 }

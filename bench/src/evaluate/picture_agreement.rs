@@ -14,7 +14,7 @@ use super::record::Record;
 const MIN_CHANGED: usize = 3;
 /// A change is reported for a dataset only if at least this share of its pictures have it.
 const MIN_SHARE: f64 = 0.8;
-/// [`MIN_SHARE`] for crops, padding and the limited range of video, which unaltered pictures rarely resemble.
+/// [`MIN_SHARE`] for crops, padding and the limited range of video: unaltered pictures are rarely taken for these.
 const MIN_SHARE_DISTINCTIVE: f64 = 0.5;
 /// [`MIN_SHARE`] for stretched levels, because stretching hardly changes pictures whose photograph contains black and
 /// white.

@@ -161,7 +161,7 @@ fn is_normalised(seen: &RgbImage, shown: &RgbImage) -> bool {
 }
 
 /// The change whose undoing brings the shrunk picture `shown` closest to its photograph `seen`; `None` if none brings
-/// it significantly closer. `ends` are the [`ends()`] of the picture at full size, whose width and height come last.
+/// it significantly closer. `ends` are the [`ends()`] of the picture at full size; `(width, height)` is that size.
 fn undone_change(
     seen: &RgbImage,
     shown: &RgbImage,

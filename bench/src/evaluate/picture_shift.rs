@@ -185,10 +185,10 @@ pub(super) fn shifted_pictures(group: &PictureGroup<'_, &Record>) -> Option<Stri
         && (MIN_SHIFT..=MAX_SHIFT).contains(&size);
     is_found.then(|| {
         format!(
-            "its pictures are shifted by about ({x:.1}, {y:.1}) pixels (x to the right, y down; only across epipolar \
-             lines) from their targets ({count} of the {all} compared pairs of {} agree), as with pixel centres at whole \
-             numbers instead of halves, or a resampling that keeps the corners; render them with the dataset's principal \
-             point",
+            "its pictures are shifted by about ({x:.1}, {y:.1}) pixels (x to the right, y down) from their targets, \
+             measured only across epipolar lines ({count} of the {all} compared pairs of {} agree); typical causes are \
+             pixel centres at whole numbers instead of halves, or a resampling that keeps the corners; render them with \
+             the dataset's principal point",
             group.name
         )
     })

@@ -429,19 +429,18 @@ fn common_curve(tones: &[&Tone], name: &str, extent: Extent) -> Option<String> {
     if extent == Extent::Scene && 4 * of_sources > all {
         return None;
     }
-    is_most(count).then(|| if is_most(of_sources) {
-format!(
-            "its pictures {} ({count} of the {all} compared in pairs of {name}); the same holds for the sources, so the \
-             dataset's photographs differ in exposure or white balance, and the predictions are not to blame",
-            curve.text()
-        )
-} else {
-format!(
-            "its pictures {} ({count} of the {all} compared in pairs of {name} agree, and the sources do not); store them \
-             in sRGB, as the photographs are",
-            curve.text()
-        )
-})
+    let (text, is_of_sources) = (curve.text(), is_most(of_sources));
+    let told = format!("its pictures {text} ({count} of the {all} compared in pairs of {name} agree)");
+    is_most(count).then(|| {
+        if is_of_sources {
+            format!(
+                "{told}; the sources have the same change, so the dataset's photographs differ in exposure or white \
+                 balance, and the predictions are not to blame"
+            )
+        } else {
+            format!("{told}; the sources do not have this change; store the pictures in sRGB, as the photographs are")
+        }
+    })
 }
 
 /// Warns if many sources and targets differ in exposure, each pair by its own factor, and the pictures have the
@@ -617,7 +616,7 @@ mod tests {
         assert!(
             told(AS_READ, darker)
                 .unwrap()
-                .contains("the sources do not")
+                .contains("the sources do not have")
         );
         assert!(
             told(darker, darker)

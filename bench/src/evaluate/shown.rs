@@ -13,7 +13,7 @@ use crate::pairs::pair_id::PairName;
 /// Which results are shown, in which order, and under which names. An empty list selects all.
 #[derive(Debug, Clone, Default, PartialEq, Eq, clap::Args)]
 pub struct Shown {
-    /// Methods to show, comma-separated, in this order [default: all; plots leave out target and mean]
+    /// Methods to show, comma-separated, in this order [default: all; in plots, all but the methods `target` and `mean`]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub methods: Vec<String>,
     /// Datasets to show, comma-separated, in this order [default: all]

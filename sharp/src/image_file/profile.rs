@@ -273,8 +273,7 @@ impl MatrixProfile {
     }
 }
 
-/// The 8-bit level nearest to encoded linear light. Equal to rounding `encoded`, but computes no
-/// power per pixel.
+/// Encodes linear light as the nearest 8-bit level, like rounding `encoded`, but without a power per pixel.
 fn level_of(linear: f64) -> u8 {
     /// Upper bound of each level, in linear light.
     static ENDS: LazyLock<[f64; 255]> = LazyLock::new(|| {

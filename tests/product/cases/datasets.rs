@@ -36,7 +36,7 @@ fn images_with_one_line_each_are_all_read() {
 #[test]
 fn a_camera_file_of_another_kind_is_named_and_not_read() {
     let case = case("A02-stale-cameras-bin");
-    let note = "read the text model and ignored cameras.bin beside it, which states other cameras";
+    let note = "read the text model and ignored cameras.bin next to it, which states other cameras";
     ends(&case.said[0], 0, note);
     ends(&case.said[1], 0, "");
     case.is_said_everywhere("r", note);

@@ -106,7 +106,7 @@ fn a_list_of_other_cameras_is_not_evaluated() {
         sharp_bench(dir, &[&run[..], &method].concat())
     };
     run("5", row[11]).is_error_with(&[
-        "q.csv:3: the files have other cameras for 1 pair, such as ",
+        "q.csv:3: the cameras in the files differ from those in the list for 1 pair, such as ",
         "but 5 m",
     ]);
     run(row[10], "179").is_error_with(&["q.csv:3", "179° in the list"]);

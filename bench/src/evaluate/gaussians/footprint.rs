@@ -9,7 +9,7 @@ use sharp::render::{Background, RenderView};
 use crate::rendering::shared::HOLE_ALPHA;
 
 /// Holes are reported if at least this share of the pixels is empty.
-pub(super) const MIN_HOLES: f64 = 0.02;
+pub(in crate::evaluate) const MIN_HOLES: f64 = 0.02;
 /// The photograph has one colour in the holes if at least this share of their pixels has it.
 const MIN_PLAIN: f64 = 0.9;
 /// Side of a tile, pixels, as in gsplat.
@@ -24,7 +24,7 @@ const PARTS: (u32, u32) = (8, 6);
 /// A part is empty if at most this share of it is covered.
 const MAX_COVERED: f64 = 0.02;
 /// A part of a file may be missing if at least this share of the picture is empty.
-const MIN_MISSING: f64 = 0.3;
+const MIN_MISSING: f64 = 0.15;
 /// A part of a file may be missing if at least this share of the photograph's detail is in empty parts. Skies and plain
 /// backgrounds, where Gaussians may be left out on purpose, have hardly any detail.
 const MIN_DETAIL: f64 = 0.2;

@@ -93,9 +93,8 @@ impl Trial<'_> {
         Ok(best)
     }
 
-    /// Tries to turn the quaternions by each of [`Self::turns`]. Returns the angle, in degrees, of the turn that
-    /// matches best, and its comparison, if it is significantly better than `as_read`. The rotation was then probably
-    /// applied to the means alone.
+    /// Turns the quaternions by each of [`Self::turns`]. If the best match is significantly better than `as_read`,
+    /// returns its angle, in degrees, and its comparison: the means were probably turned without the quaternions.
     pub(in crate::evaluate) fn other_turn(
         &self,
         gaussians: &Gaussians,

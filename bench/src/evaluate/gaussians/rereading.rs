@@ -14,7 +14,7 @@ use sharp::ply::{
 use sharp::random::mix;
 use sharp::render::{PrincipalPoint, RenderError, RenderOutput, RenderView, Rule};
 
-use super::footprint::mean_area;
+use super::footprint::{MIN_HOLES, mean_area};
 use super::likeness::Likeness;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
@@ -35,8 +35,8 @@ const RULED_OUT_LOSS_OF_LOG_DB: f64 = 3.0;
 const MAX_ERROR_ELSEWHERE: f64 = 1.1;
 /// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because a shift must improve other views, too.
 const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
-/// A shift that gains at least this in the source's view once the Gaussians are [flattened](Trial::flat_fits), in dB,
-/// need not improve other views, in which a shift of half a pixel hardly changes poor Gaussians.
+/// A shift that gains at least this many dB in the source's view, with [flattened](Trial::flat_fits) Gaussians, is
+/// accepted even if other views do not improve. With poor Gaussians, half a pixel makes hardly any difference there.
 const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 1.0;
 /// Another form of colours is preferred only if it gains at least this, in dB, because forms of colours may differ
 /// merely in brightness and contrast.
@@ -46,7 +46,8 @@ const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
 /// Changes of the focal length by less than this fraction are small and must gain more, because a slight enlargement
 /// can improve the fit of Gaussians with wrong shapes by chance.
 const SMALL_ZOOM: f64 = 0.05;
-/// A small change of the focal length is accepted only if it gains at least this, in dB.
+/// A small change of the focal length is accepted only if it gains at least this, in dB, and the rendering has no holes,
+/// which an enlargement narrows.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
 /// Standard deviations may be base-10 logarithms only if more than this many Gaussians cover a pixel on average.
 const WIDE_LAYERS: f64 = 500.0;
@@ -377,7 +378,8 @@ impl Trial<'_> {
                 let zoom = zooms.into_iter().fold(0.0, f64::max);
                 let is_chance = zoom > 0.0
                     && zoom < SMALL_ZOOM
-                    && fit.gain_over(fit_before) < MIN_SMALL_ZOOM_GAIN_DB;
+                    && (fit.gain_over(fit_before) < MIN_SMALL_ZOOM_GAIN_DB
+                        || self.covered(&decoded, map)? < 1.0 - MIN_HOLES);
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
                 // Only the source decides between two forms of colours: in other views, wrong geometry causes blur,

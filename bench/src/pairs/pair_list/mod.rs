@@ -157,7 +157,7 @@ impl PairList {
         self.resolve_readable(scenes, &[])
     }
 
-    /// Like [`Self::resolve`], but skips pairs of scenes and views that could not be read.
+    /// Like [`Self::resolve`], but skips a pair if its scene or one of its views could not be read.
     ///
     /// # Errors
     /// Those of [`Self::resolve`]; also for a scene that is excluded by a setting of its dataset.

@@ -56,7 +56,7 @@ pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
-    /// How to choose pairs of each dataset without --pair, by the first metric: median, worst or best score, as the
+    /// Which pairs of each dataset to show without --pair, ranked by the first metric: median, worst or best score, as the
     /// mean over the ranked methods; or the pairs on which METHOD loses most against OTHER (datasets where METHOD never
     /// loses are left out)
     #[arg(
