@@ -189,7 +189,7 @@ mod tests {
         assert_eq!(found, lens(0.5, (80, 60)));
         assert_eq!(
             scaled.notes(),
-            ["c.txt: 1 camera(s) calibrated for 160x120 were scaled to the pictures' 80x60"]
+            ["c.txt: 1 camera(s) calibrated for 160x120 were scaled to the pictures' size, 80x60"]
         );
         let other = lens(1.0, (160, 100));
         assert_eq!(scaled.fit(other, &image).unwrap(), other);
@@ -208,7 +208,9 @@ mod tests {
         };
         let error = |found| error_of(found, true);
         let helped = error((80, 60));
-        assert!(helped.starts_with("a.png: is 80x60, but its camera is for 160x120 pixels, "));
+        assert!(
+            helped.starts_with("a.png: is 80x60, but its camera is for 160x120 pixels (the ratio")
+        );
         assert!(helped.contains("camera-size=scaled"), "{helped}");
         let without = error_of((80, 60), false);
         assert!(

@@ -250,7 +250,7 @@ fn a_pair_list_needs_exactly_these_files() {
     std::fs::remove_file(dir.path().join("set/One-perfect/disp0.pfm")).unwrap();
     let said = needed(&["--dataset", "M:middlebury=set"]).ends_with(4);
     assert_eq!(said.json()["missing"], 1);
-    needed(&["--dataset", "eth3d=set"]).is_error_with(&["eth3d", "only M"]);
+    needed(&["--dataset", "eth3d=set"]).is_error_with(&["eth3d", "its datasets are M"]);
 }
 
 #[test]

@@ -430,7 +430,8 @@ fn common_curve(tones: &[&Tone], name: &str, extent: Extent) -> Option<String> {
         return None;
     }
     let (text, is_of_sources) = (curve.text(), is_most(of_sources));
-    let told = format!("its pictures {text} ({count} of the {all} compared in pairs of {name} agree)");
+    let told =
+        format!("its pictures {text} ({count} of the {all} compared in pairs of {name} agree)");
     is_most(count).then(|| {
         if is_of_sources {
             format!(

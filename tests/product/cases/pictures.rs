@@ -159,7 +159,7 @@ fn upright_photographs_fit_upright_cameras() {
         &stored.out,
         &[
             "is 48x64, but its camera is for 64x48",
-            "EXIF orientation 6 it is 64x48",
+            "EXIF orientation 6, it would be 64x48",
         ],
     );
 }
