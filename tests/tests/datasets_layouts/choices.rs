@@ -162,7 +162,7 @@ fn pictures_smaller_than_their_camera_have_it_scaled_on_request() {
     }
     has_note(
         &scaled.notes,
-        "5 camera(s) calibrated for 96x72 were scaled to the pictures' 48x36",
+        "5 camera(s) calibrated for 96x72 were scaled to the pictures' size, 48x36",
     );
     let report = checked("nerfstudio", folder.path());
     let problems = report.scenes[0].problems.join("\n");

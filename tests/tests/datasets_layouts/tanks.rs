@@ -293,7 +293,7 @@ fn a_model_of_another_size_is_scaled_on_request() {
     check(&found.views, &scene, &[1, 2, 3, 4, 5]);
     has_note(
         &found.notes,
-        "5 camera(s) calibrated for 192x144 were scaled to the pictures' 96x72",
+        "5 camera(s) calibrated for 192x144 were scaled to the pictures' size, 96x72",
     );
     let refused = read(FORMAT, folder.path()).views[0].content.image();
     let error = refused.unwrap_err().to_string();
