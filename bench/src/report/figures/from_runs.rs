@@ -51,7 +51,7 @@ pub enum SheetKind {
     /// Like `Ablation`, but with the targets of one source as columns, sorted by baseline.
     ExtendedMotion(PathChoice),
     /// Input, view and inverse depth of one method. Depth is read from the folder, if given; see
-    /// [`failure::sheet`](super::failure::sheet).
+    /// [`failure::sheet`].
     Failure(PairsChoice, Option<PathBuf>),
 }
 

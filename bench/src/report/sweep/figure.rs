@@ -1,4 +1,4 @@
-//! Plots of a sweep: one per metric, with one panel per [`SweepPanel`](super::study::SweepPanel).
+//! Plots of a sweep: one per metric, with one panel per [`SweepPanel`].
 
 use super::study::{CrossingRule, Sweep, SweepPanel};
 use super::{Band, Motion};
