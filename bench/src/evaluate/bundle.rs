@@ -26,7 +26,7 @@ use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::manifest::Manifest;
 use super::record::{ChosenScale, Crop, PairFiles, Record, Score, Status};
-use super::results::{Results, timings};
+use super::results::{Current, Results};
 use super::score::empty_record;
 use super::unit::Timing;
 use crate::io::atomic_files::{FileError, write_atomic};
@@ -381,9 +381,23 @@ pub(crate) fn read_head(path: &Path) -> Result<Head, EvaluateError> {
     Members::open(path)?.head()
 }
 
-/// Times in a bundle; empty if it was written without times.
-pub(super) fn read_timings(path: &Path) -> Result<Timings, EvaluateError> {
-    Members::open(path)?.timings()
+/// Times of a method's successful predictions by pair; empty for a bundle without times.
+///
+/// # Errors
+/// If the folder or bundle cannot be read.
+pub fn timings(root: &Path, method: &str) -> Result<BTreeMap<String, Timing>, EvaluateError> {
+    if !root.is_dir() {
+        let times = root
+            .is_file()
+            .then(|| Members::open(root)?.timings())
+            .transpose()?;
+        return Ok(times
+            .and_then(|mut times| times.remove(method))
+            .unwrap_or_default());
+    }
+    let units = Current::read(&RunFolder::open(root)?)?.units.into_iter();
+    let units = units.filter(|unit| unit.slot.method == method && unit.record.status == Status::Ok);
+    Ok(units.map(|unit| (unit.slot.pair_id, unit.timing)).collect())
 }
 
 fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {

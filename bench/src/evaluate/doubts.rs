@@ -2,11 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::finding::listed;
 use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR};
 use super::picture_agreement::{changed_pictures, repeated_pictures};
+use super::picture_camera::misplaced_pictures;
 use super::picture_check::is_checked;
 use super::picture_group::{PictureGroup, all_or_scenes};
-use super::picture_order::misplaced_pictures;
 use super::picture_stamp::stamped_pictures;
 use super::picture_tone::{masked_pictures, toned_pictures};
 use super::record::{Record, Status};
@@ -27,8 +28,6 @@ const GAP_SIGNIFICANCE: f64 = 2.0;
 /// Across scenes, only sources below this PSNR, in dB, count as outliers. A uniform picture in the photograph's mean
 /// colour has this PSNR if the standard deviation of the photograph's levels is 45.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
-/// Maximum number of sources that a sentence names; further sources are only counted.
-const MAX_NAMED: usize = 8;
 
 /// Extras of methods that state their training views: 1 if the pair's source (first) or target (second) is one of them.
 pub(super) const TRAINED_ON: [&str; 2] = ["source_trained_on", "target_trained_on"];
@@ -191,16 +190,6 @@ fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<Stri
     (!views.is_empty()).then(|| {
         "train= names none of the views of these pairs; a name must be VIEW, SCENE/VIEW or DATASET/SCENE/VIEW".to_owned()
     })
-}
-
-/// The first [`MAX_NAMED`] names, separated by commas, and the number of further names.
-pub(super) fn listed(names: BTreeSet<&str>) -> String {
-    let more = match names.len().saturating_sub(MAX_NAMED) {
-        0 => String::new(),
-        more => format!(" and {more} more"),
-    };
-    let first: Vec<&str> = names.into_iter().take(MAX_NAMED).collect();
-    first.join(", ") + &more
 }
 
 /// The first warning per topic among a method's records, followed by `joint_doubts`.

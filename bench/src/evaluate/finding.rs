@@ -1,8 +1,13 @@
 //! Findings on a stored picture. Which of them are reported depends on all pictures of a dataset.
 
+use std::collections::BTreeSet;
+
 use glam::{DMat2, DVec2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+/// Maximum number of sources that a sentence names; further sources are only counted.
+const MAX_NAMED: usize = 8;
 
 /// Defines an enum of findings, each with the words that state it in a sentence.
 macro_rules! worded {
@@ -433,4 +438,14 @@ impl Framing {
         };
         parts.join(", ") + advice
     }
+}
+
+/// The first [`MAX_NAMED`] names, separated by commas, and the number of further names.
+pub(super) fn listed(names: BTreeSet<&str>) -> String {
+    let more = match names.len().saturating_sub(MAX_NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let first: Vec<&str> = names.into_iter().take(MAX_NAMED).collect();
+    first.join(", ") + &more
 }

@@ -21,8 +21,9 @@
 //!   photographs.
 //! * `picture_check`, `picture_framing`, `picture_layout`, `picture_levels`, `picture_motion`, `picture_order`,
 //!   `picture_placement`, `picture_shift`, `picture_stamp` and `picture_tone`: compare pictures with their targets'
-//!   photographs, or those chosen by `picture_sample` with further photographs; [`finding`]: the results of these
-//!   comparisons; `picture_group`, `picture_agreement` and [`doubts`]: warnings about them.
+//!   photographs, or those chosen by `picture_sample` with further photographs; [`finding`] and `picture_measures`: the
+//!   results of these comparisons; `picture_group`, `picture_camera`, `picture_agreement` and [`doubts`]: warnings about
+//!   them.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]:
 //!   facts common to all results of a folder; `differences`: which facts may differ between combined results.
 //! * [`aggregation`]: means over pairs.
@@ -44,11 +45,13 @@ pub mod join;
 mod keys;
 pub mod manifest;
 pub(crate) mod picture_agreement;
+pub(crate) mod picture_camera;
 pub(crate) mod picture_check;
 mod picture_framing;
 pub(crate) mod picture_group;
 mod picture_layout;
 mod picture_levels;
+mod picture_measures;
 mod picture_motion;
 pub(crate) mod picture_order;
 mod picture_placement;

@@ -3,11 +3,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::doubts::listed;
-use super::finding::{PictureChange, ShownTarget};
+use super::finding::{PictureChange, ShownTarget, listed};
+use super::picture_camera::{is_reframed, is_resized};
 use super::picture_check::UNLIKE;
 use super::picture_group::{Extent, PictureGroup, scene_of};
-use super::picture_order::{is_reframed, is_resized};
 use super::record::Record;
 
 /// A change is reported for a dataset only if at least this many of its pictures have it.

@@ -11,6 +11,7 @@ use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 use sharp::camera::Intrinsics;
 
 use super::picture_group::PictureGroup;
+use super::picture_measures::ShiftEquations;
 use super::record::Record;
 
 /// A shift is reported only if one of its components is at least this, in pixels. Conventions of pixel centres differ
@@ -45,11 +46,6 @@ const PARTS: u32 = 12;
 const MAX_MEAN_SQUARE: f64 = 1.0;
 /// A picture is measured only if it has at least this many edges.
 const MIN_EDGES: u32 = 500;
-
-/// The normal equations of a picture's shift by least squares, divided by the number of edges: the matrix elements xx,
-/// xy and yy, the right-hand side x and y (pixels), and the sum of squared displacements (pixels squared), which is the
-/// error without a shift.
-pub(super) type ShiftEquations = [f32; 6];
 
 /// Measures the shift of the picture `shown` across its epipolar lines. `None` if its size differs from its target's,
 /// if it has too few edges along the lines, or if the edges match badly. `intrinsics` are the target's, and

@@ -6,6 +6,7 @@ use image::RgbImage;
 use image::imageops::thumbnail;
 
 use super::picture_group::PictureGroup;
+use super::picture_measures::Cell;
 use super::record::Record;
 use crate::pairs::valid_depth::median_of;
 
@@ -35,9 +36,6 @@ const MIN_FILLED: f64 = 0.4;
 const MAX_SHARE: f64 = 0.5;
 /// Content is reported only if its contrast is at least this, in levels, because holes and backgrounds have one colour.
 const MIN_CONTRAST: u8 = 24;
-
-/// A cell's number, row by row, and its mean levels in the picture and in the target.
-pub(super) type Cell = (u16, u8, u8);
 
 /// Cells in which a picture differs from its target, with the mean levels of both.
 pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<Cell> {

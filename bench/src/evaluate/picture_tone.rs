@@ -9,12 +9,11 @@ use std::iter::zip;
 
 use image::RgbImage;
 use image::imageops::thumbnail;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use sharp::color::{linear_from_srgb, srgb_from_linear};
 
+use super::picture_camera::is_reframed;
 use super::picture_group::{Extent, PictureGroup};
-use super::picture_order::is_reframed;
+use super::picture_measures::Tone;
 use super::record::Record;
 
 /// Number of cells across and down.
@@ -80,20 +79,6 @@ const MIN_COLOUR: f64 = 4e-4;
 const MIN_MASKED_PERCENT: u8 = 5;
 /// Masks are reported only if at least this share of the pictures are masked.
 const MIN_MASKED_SHARE: f64 = 0.5;
-
-/// Levels of a picture, its target and its source at [`QUANTILES`], by channel.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct Tone {
-    picture: [[u8; 5]; 3],
-    target: [[u8; 5]; 3],
-    source: [[u8; 5]; 3],
-    /// For the corners and halfway to them: natural logarithm of the ratio of the picture's brightness to the target's,
-    /// minus that in the middle, in thousandths.
-    corners: Option<[i16; 2]>,
-    /// Share of the green light in the picture's red, of the red in its green and of the green in its blue, in
-    /// thousandths; `None` if the target has too little colour.
-    mixed: Option<[i16; 3]>,
-}
 
 /// Measures a picture's tone; all pictures are shrunk. `None` if too much of the picture is black.
 pub(super) fn tone([source, target, shown]: [&RgbImage; 3]) -> Option<Tone> {

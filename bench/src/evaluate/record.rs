@@ -8,9 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::finding::{PictureChange, ShownCamera, ShownTarget};
-use super::picture_shift::ShiftEquations;
-use super::picture_stamp::Cell;
-use super::picture_tone::Tone;
+use super::picture_measures::{Cell, ShiftEquations, Tone};
 use crate::scoring::Region;
 
 /// Outcome of a unit.

@@ -3,14 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use super::bundle::read_timings;
 use super::doubts::{doubts_of, joint_doubts, rule_notes};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::manifest::{Manifest, MethodRecord, PairsRecord};
 use super::plan::RunPlan;
 use super::record::{Record, Score, Status, file_difference, finite_or_text};
-use super::unit::{ScoredPicture, Slot, Timing, Unit};
+use super::unit::{ScoredPicture, Slot, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
 use crate::io::text::{csv_bytes, csv_cell};
@@ -323,22 +322,6 @@ impl Results {
         let scored = kept.iter().find(|picture| picture.is_scored);
         scored.or(kept.first()).cloned()
     }
-}
-
-/// Times of a method's successful predictions by pair; empty for a bundle without times.
-///
-/// # Errors
-/// If the folder or bundle cannot be read.
-pub fn timings(root: &Path, method: &str) -> Result<BTreeMap<String, Timing>, EvaluateError> {
-    if !root.is_dir() {
-        let times = root.is_file().then(|| read_timings(root)).transpose()?;
-        return Ok(times
-            .and_then(|mut times| times.remove(method))
-            .unwrap_or_default());
-    }
-    let units = Current::read(&RunFolder::open(root)?)?.units.into_iter();
-    let units = units.filter(|unit| unit.slot.method == method && unit.record.status == Status::Ok);
-    Ok(units.map(|unit| (unit.slot.pair_id, unit.timing)).collect())
 }
 
 /// Writes `scores.csv` and `timings.csv` of a folder from its units.

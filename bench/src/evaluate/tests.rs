@@ -165,7 +165,7 @@ fn a_shared_inference_is_charged_whole_to_every_method_in_any_order() {
         evaluation.run(&out, RunOptions::default(), &Quiet).unwrap();
         let sources = asked.load(Ordering::SeqCst);
         let of = |label| {
-            let times = results::timings(&out, label).unwrap().into_iter();
+            let times = bundle::timings(&out, label).unwrap().into_iter();
             times
                 .map(|(pair, timing)| (pair, (timing.predict_secs, timing.render_secs)))
                 .collect::<std::collections::BTreeMap<_, _>>()
@@ -769,7 +769,7 @@ fn a_bundle_is_the_results_without_pictures() {
     let timings = Bundle::read(&path("times.zip")).unwrap().timings;
     assert_eq!(
         timings["copy"],
-        results::timings(&path("r"), "copy").unwrap()
+        bundle::timings(&path("r"), "copy").unwrap()
     );
     let mut other = Bundle::read(&path("times.zip")).unwrap();
     let head = other.head().unwrap().digest;

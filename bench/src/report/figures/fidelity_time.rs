@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use crate::evaluate::results::timings;
+use crate::evaluate::bundle::timings;
 use crate::evaluate::{EvaluateError, Results};
 use crate::io::atomic_files::FileError;
 use crate::pairs::valid_depth::median_of;

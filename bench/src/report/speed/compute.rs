@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use crate::evaluate::results::timings;
+use crate::evaluate::bundle::timings;
 use crate::evaluate::unit::Timing;
 use crate::evaluate::{EvaluateError, Results};
 use crate::report::tables::grid::{GridCell, TextGrid};
