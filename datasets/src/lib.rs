@@ -37,6 +37,7 @@ pub mod found_scenes;
 pub mod left_out;
 pub mod lens;
 mod mask;
+mod mask_labels;
 mod middlebury;
 pub mod natural_order;
 mod nerfstudio;

@@ -9,7 +9,8 @@ use sharp::image_file::{ColorRule, OrientationRule};
 
 use crate::format::picture;
 use crate::left_out::first_few;
-use crate::mask::{WHITE, labels};
+use crate::mask::WHITE;
+use crate::mask_labels::labels;
 use crate::processing::Undistorted;
 use crate::required_files::FileRole;
 use crate::view::{evenly_spaced, without_depth};

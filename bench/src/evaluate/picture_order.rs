@@ -190,9 +190,9 @@ fn fit(seen: &RgbImage, shown: &RgbImage) -> Likeness {
 mod tests {
     use image::Rgb;
 
-    use super::super::picture_group::tests::of_dataset;
+    use super::super::picture_camera::misplaced;
+    use super::super::picture_group::Extent;
     use super::super::picture_sample::compared_pictures;
-    use super::super::record::tests::record;
     use super::*;
 
     /// Waves of another direction for each `view`, with some noise.

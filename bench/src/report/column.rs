@@ -4,7 +4,6 @@ use sharp_metrics::identity::MetricRegion;
 use sharp_metrics::{Direction, MetricInfo, MetricKey};
 
 use super::error::ReportError;
-use super::tables::shown;
 
 /// Known extras of methods: key, label, decimals and meaning.
 const REPORTED: [(&str, &str, usize, &str); 10] = [
@@ -229,7 +228,7 @@ impl Column {
 
     /// Formats a value with the column's decimals.
     pub fn shown(&self, value: f64) -> String {
-        shown(value, self.decimals)
+        sharp_plots::scale::shown(value, self.decimals)
     }
 
     /// The part of file names that identifies the column.

@@ -186,7 +186,7 @@ const QUICK: Effort = Effort {
 pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
     match scene.pairing {
         Pairing::Stereo { source, target } => BTreeSet::from([source, target]),
-        _ => orders::neighbours(scene.views.len(), QUICK)
+        _ => neighbours::neighbours(scene.views.len(), QUICK)
             // Includes the view before each pair and the view after it.
             .flat_map(|i| i.saturating_sub(1)..(i + 3).min(scene.views.len()))
             .collect(),

@@ -10,9 +10,9 @@ use super::compare::{agrees, forward, is_suspicious};
 use super::consistency::{Consistency, Fit};
 use super::convention::CONVENTIONS;
 use super::explained::{Explained, Reading};
-use super::orders::neighbours;
 use super::small_view::{Sample, SmallView, WIDEST};
 use crate::View;
+use crate::view::evenly_spaced;
 
 /// A thorough check reads all views of a scene if there are at most this many.
 pub(super) const MAX_ALL: usize = 12;
@@ -28,6 +28,11 @@ const MIN_EXPOSURE_FACTOR: f64 = 1.12;
 /// Two views differ in exposure only if correcting for the factor reduces their colour difference to this share or
 /// less.
 const MAX_LEFT_BY_EXPOSURE: f64 = 0.5;
+
+/// Indices of the first view of each pair of neighbours that is examined.
+pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = usize> {
+    evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
+}
 
 /// Neighbouring views of a scene at reduced size.
 pub(super) struct Neighbours<'a> {

@@ -5,14 +5,12 @@ use std::collections::BTreeSet;
 
 use sharp::camera::RigidTransform;
 
-use super::Effort;
 use super::change::{Change, Moves};
 use super::compare::{MIN_GAIN, fits_well, is_suspicious, mean_loss};
 use super::explained::{Explained, Reading};
 use super::neighbours::{MAX_ALL, Neighbours};
 use super::small_view::{Sample, SmallView};
 use crate::View;
-use crate::view::evenly_spaced;
 
 /// Shifts and reorderings are tried only with at least this many views; with fewer, any assignment to poses may fit.
 const MIN_VIEWS: usize = 5;
@@ -31,11 +29,6 @@ type Read<'a> = Cow<'a, (SmallView, Vec<Sample>)>;
 
 /// For each view, the view whose picture, depth or pose it receives; `None` if it receives none.
 pub(super) type Assignment = Box<dyn Fn(usize) -> Option<usize>>;
-
-/// Indices of the first view of each pair of neighbours that is examined.
-pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = usize> {
-    evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
-}
 
 /// Assignments that result from common mistakes, with descriptions: shifts starting at one of
 /// `starts`, reverse order, lexicographic instead of numeric order, and the `swapped` pairs. `noun`

@@ -6,7 +6,7 @@ use std::path::Path;
 use image::{GrayImage, RgbImage};
 use sharp::image_file::{self, Header, OrientationRule, PictureRules};
 
-use crate::mask::labels;
+use crate::mask_labels::labels;
 use crate::{DatasetError, files};
 
 /// Decodes a photograph to 8-bit RGB; `fit` is the expected size.
