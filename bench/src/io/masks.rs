@@ -34,12 +34,16 @@ pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
         rules: PictureRules::AS_STORED,
         exr: Some(ExrTransfer::Srgb),
     };
-    let ReadPicture { picture, notes, .. } = pictures::read_as(path, &as_stored)?;
+    let ReadPicture {
+        picture,
+        dropped_alpha,
+        ..
+    } = pictures::read_as(path, &as_stored)?;
     let refused = |reason: String| MaskError::NoMask {
         path: path.to_owned(),
         reason,
     };
-    if notes.iter().any(|note| note.contains("alpha")) {
+    if dropped_alpha {
         let reason = "it has an alpha channel, but masks are read from grey levels; save the alpha channel as a grey \
                       picture";
         return Err(refused(reason.to_owned()));

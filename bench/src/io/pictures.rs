@@ -61,6 +61,8 @@ pub struct ReadPicture {
     pub notes: Vec<String>,
     /// Whether the file is a JPEG, whatever its extension.
     pub is_jpeg: bool,
+    /// Whether an alpha channel, dropped under the rules, has pixels that are not opaque.
+    pub dropped_alpha: bool,
 }
 
 /// Largest plausible number of pixels per stored byte of a losslessly compressed picture.
@@ -95,7 +97,7 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
         ));
     }
     let mut notes = Vec::new();
-    let mut is_jpeg = false;
+    let (mut is_jpeg, mut dropped_alpha) = (false, false);
     let picture = match extension(path).as_deref() {
         Some("exr") => Picture::RgbF32(read_exr(path, reading, &mut notes)?),
         Some("npy") => {
@@ -109,6 +111,8 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
             let found = files::parse(path, decode)?;
             notes = found.notes(&reading.rules);
             is_jpeg = found.header.format == "JPEG";
+            dropped_alpha = matches!(found.alpha, image_file::Alpha::Varying(_))
+                && reading.rules.alpha == AlphaRule::Drop;
             Picture::Rgb8(found.image.into_rgb8())
         }
     };
@@ -120,6 +124,7 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
         picture,
         notes,
         is_jpeg,
+        dropped_alpha,
     })
 }
 
