@@ -217,11 +217,15 @@ fn read_scene(
     let mut scene = scene.finish_with_views(root.id_of(folder), "")?;
     if let Some(level) = file.depth_level {
         let stated = level * scale / file.applied_scale;
-        let has_depth = file.frames.iter().any(|f| f.depth_file_path.is_some());
-        if has_depth && (stated / depth_unit - 1.0).abs() > 1e-3 {
+        let maps = file
+            .frames
+            .iter()
+            .filter_map(|f| f.depth_file_path.as_ref());
+        let mut maps = maps.map(|map| map.to_ascii_lowercase());
+        if maps.any(|map| map.ends_with(".png")) && (stated / depth_unit - 1.0).abs() > 1e-3 {
             scene.warnings.push(format!(
                 "{}: integer_depth_scale states {stated} m per level of depth, but depth-unit is {depth_unit}; set \
-                 depth-unit={stated} if the depth maps are integers",
+                 depth-unit={stated}",
                 json.display()
             ));
         }

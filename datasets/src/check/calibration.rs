@@ -1,6 +1,7 @@
 //! Detection of calibrations that belong to another scene.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 
 use super::advice::number;
 use crate::format::{calib, picture};
@@ -16,7 +17,7 @@ const TOLERANCE_SHARE: f64 = 0.02;
 /// Sizes of shrunk pictures, relative to the originals, whose range may still be stated: nothing is computed from it.
 const SHRUNK: [f64; 3] = [0.5, 0.25, 0.125];
 /// The principal point of a calibration for another picture size is outside this part of the picture's width.
-const CENTRAL: std::ops::RangeInclusive<f64> = 0.3..=0.7;
+const CENTRAL: RangeInclusive<f64> = 0.3..=0.7;
 
 /// Reports `disparities` (in pixels) that contradict the range that Middlebury's `calib.txt` states, unless only the
 /// range is that of the larger picture.
