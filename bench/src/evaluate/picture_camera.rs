@@ -35,7 +35,9 @@ fn wrong_camera_of(group: &PictureGroup<'_, &Record>) -> Option<(ShownCamera, us
     wrong_camera(cameras.clone(), group.extent).or_else(|| {
         // Pictures from a wrong camera that are too far from their targets resemble framings, each another one.
         cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
-        wrong_camera(cameras, group.extent)
+        let found = wrong_camera(cameras, group.extent);
+        // Poor depth also gives other motions and framings.
+        found.filter(|(camera, ..)| !matches!(camera, ShownCamera::Moved(_)))
     })
 }
 
@@ -107,8 +109,8 @@ pub(crate) fn misplaced(
     let shifts = [Previous, Next].map(|place| (place, count(&[place])));
     let (shift, shifted) = shifts.into_iter().max_by_key(|(_, count)| *count)?;
     // Names are often shifted in a part of a sequence, after a frame that was dropped.
-    let is_part = shifted >= extent.fewest(FEWEST) && 5 * shifted >= 2 * all;
-    let (what, count) = if is_part {
+    let is_part = extent == Extent::Dataset && shifted >= FEWEST && 5 * shifted >= 2 * all;
+    let (what, count) = if is_part || is_most(shifted) {
         (shift, shifted)
     } else {
         (Other, count(&[Previous, Next, Other]))
@@ -255,6 +257,7 @@ mod tests {
             vec![(Moved(100), 8)],
             vec![(Moved(70), 8)],
             vec![(InversePose, 2), (framed(940, [13, 0]), 2)],
+            vec![(Moved(50), 3), (framed(1000, [12, 0]), 3)],
             vec![(framed(800, [0, 0]), 3), (framed(900, [0, 0]), 3)],
             vec![(framed(1000, [12, 0]), 3), (framed(1000, [-12, 0]), 3)],
             vec![

@@ -275,7 +275,8 @@ fn check_files(
             reason: format!(
                 "the cameras in the files differ from those in the list for {}, such as {}: source and target are \
                  {found_m} m and {found_deg}° apart in the files, but {listed_m} m and {listed_deg}° in the list; the \
-                 list was made from other poses or with other settings; `pairs verify` lists the differences, and `pairs` builds a new list",
+                 list was made from other poses or with other settings; `pairs verify` lists the \
+                 differences, and `pairs` builds a new list",
                 counted(found.moved.len(), "pair"),
                 first.pair_id,
             ),

@@ -28,9 +28,9 @@ const MAX_LAYERS: f64 = 3000.0;
 const MIN_SOURCE_GAIN_DB: f64 = 0.25;
 /// Another form of the stored numbers is ruled out if it makes the source's error larger by at least this, in dB.
 const RULED_OUT_LOSS_DB: f64 = 1.0;
-/// [`RULED_OUT_LOSS_DB`] for reading opacities as logarithms. It is larger, because the stored values themselves are
-/// strong evidence for logarithms, and the rendering of the source hardly depends on opacities.
-const RULED_OUT_LOSS_OF_LOG_DB: f64 = 3.0;
+/// [`RULED_OUT_LOSS_DB`] for another form of opacities. It is larger, because the stored values themselves are strong
+/// evidence of the form, and the rendering of the source hardly depends on opacities.
+const RULED_OUT_LOSS_OF_OPACITY_DB: f64 = 3.0;
 /// A reading is accepted only if it multiplies the error in other views by at most this.
 const MAX_ERROR_ELSEWHERE: f64 = 1.1;
 /// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because a shift must improve other views, too.
@@ -258,13 +258,13 @@ impl Trial<'_> {
         let gain = other.map_or(f64::NEG_INFINITY, |other| other.gain_over(&as_read));
         // Be tolerant to forms of opacity: they hardly change the source's rendering, and opacities that were stored
         // otherwise do not look like logarithms, or all lie between 0 and 1.
-        let is_rare = matches!(
+        let is_of_opacity = matches!(
             other_form.opacity,
             Some(StoredOpacity::Log | StoredOpacity::Linear)
         ) && other_form.opacity != reading.stored.opacity;
         Ok(gain >= MIN_SOURCE_GAIN_DB
             || !as_read.explains() && gain > -RULED_OUT_LOSS_DB
-            || is_rare && gain > -RULED_OUT_LOSS_OF_LOG_DB)
+            || is_of_opacity && gain > -RULED_OUT_LOSS_OF_OPACITY_DB)
     }
 
     /// The best reading that explains the photograph significantly better than `as_read`, either in this part alone or
