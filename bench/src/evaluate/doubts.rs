@@ -2,14 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::finding::listed;
 use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR};
-use super::picture_agreement::{changed_pictures, repeated_pictures};
-use super::picture_camera::misplaced_pictures;
-use super::picture_check::is_checked;
-use super::picture_group::{PictureGroup, all_or_scenes};
-use super::picture_stamp::stamped_pictures;
-use super::picture_tone::{masked_pictures, toned_pictures};
+use super::picture_check::agreement::{changed_pictures, repeated_pictures};
+use super::picture_check::camera::misplaced_pictures;
+use super::picture_check::change::is_checked;
+use super::picture_check::finding::listed;
+use super::picture_check::group::{PictureGroup, all_or_scenes};
+use super::picture_check::stamp::stamped_pictures;
+use super::picture_check::tone::{masked_pictures, toned_pictures};
 use super::record::{Record, Status};
 use crate::methods::{TrueDepth, UNUSABLE};
 use crate::pairs::pair_id::source_of;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use super::keys::Keys;
-use super::picture_sample::PictureSample;
+use super::picture_check::sample::PictureSample;
 use super::record::{Record, Status};
 use super::shard::Shard;
 use crate::config::{Keep, RunConfig};

@@ -19,11 +19,8 @@
 //!   [`status`]: progress.
 //! * `keys`: hashed inputs of each stage; [`gaussians`]: predictions of sources, stored, rendered and compared with
 //!   photographs.
-//! * `picture_check`, `picture_framing`, `picture_layout`, `picture_levels`, `picture_motion`, `picture_order`,
-//!   `picture_placement`, `picture_shift`, `picture_stamp` and `picture_tone`: compare pictures with their targets'
-//!   photographs, or those chosen by `picture_sample` with further photographs; [`finding`] and `picture_measures`: the
-//!   results of these comparisons; `picture_group`, `picture_camera`, `picture_agreement` and [`doubts`]: warnings about
-//!   them.
+//! * [`picture_check`]: compares stored pictures with photographs to find what is wrong with them; [`doubts`]: the
+//!   warnings about a run's results, from these comparisons and from [`gaussians`].
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]:
 //!   facts common to all results of a folder; `differences`: which facts may differ between combined results.
 //! * [`aggregation`]: means over pairs.
@@ -37,28 +34,13 @@ mod differences;
 pub mod doubts;
 pub mod error;
 pub mod estimate;
-pub mod finding;
 pub mod folder;
 pub mod gaussians;
 pub mod job;
 pub mod join;
 mod keys;
 pub mod manifest;
-pub(crate) mod picture_agreement;
-pub(crate) mod picture_camera;
-pub(crate) mod picture_check;
-mod picture_framing;
-pub(crate) mod picture_group;
-mod picture_layout;
-mod picture_levels;
-mod picture_measures;
-mod picture_motion;
-pub(crate) mod picture_order;
-mod picture_placement;
-pub(crate) mod picture_sample;
-mod picture_shift;
-mod picture_stamp;
-mod picture_tone;
+pub mod picture_check;
 pub mod pipeline;
 pub mod plan;
 mod predict;

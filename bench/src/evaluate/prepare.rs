@@ -17,7 +17,7 @@ use super::manifest::{
     DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, PairsRecord, ProtocolRecord,
     RendererRecord, metric_records, scoring_conventions,
 };
-use super::picture_sample::PictureSample;
+use super::picture_check::sample::PictureSample;
 use super::plan::RunStatus;
 use super::score::missing;
 use super::shard::Shard;

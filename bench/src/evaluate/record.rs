@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::finding::{PictureChange, ShownCamera, ShownTarget};
-use super::picture_measures::{Cell, ShiftEquations, Tone};
+use super::picture_check::finding::{PictureChange, ShownCamera, ShownTarget};
+use super::picture_check::measures::{Cell, ShiftEquations, Tone};
 use crate::scoring::Region;
 
 /// Outcome of a unit.

@@ -12,7 +12,7 @@ use super::gaussians::source_check::checked_sources;
 use super::job::{RunOptions, Stages, UnitCounts};
 use super::keys::Keys;
 use super::manifest::RendererRecord;
-use super::picture_sample::compared_pairs;
+use super::picture_check::sample::compared_pairs;
 use super::pipeline::run as run_pipeline;
 use super::plan::{Estimate, PlanBlock, RunPlan};
 use super::prepare::Evaluation;

@@ -10,8 +10,8 @@ use sharp_metrics::{Examined, MetricKey, Picture, Scorer, Selection, Terms, resi
 
 use super::inputs::Input;
 use super::{MetricsArgs, demand_explicit, output};
-use crate::evaluate::finding::PictureChange;
-use crate::evaluate::picture_check::{is_unlike, likely_change, shrunk};
+use crate::evaluate::picture_check::change::{is_unlike, likely_change, shrunk};
+use crate::evaluate::picture_check::finding::PictureChange;
 use crate::io::{masks, pictures};
 use crate::methods::needs_kernel;
 use crate::pictures::keyed_scores::KeyedScores;

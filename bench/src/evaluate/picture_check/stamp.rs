@@ -5,9 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use image::RgbImage;
 use image::imageops::thumbnail;
 
-use super::picture_group::PictureGroup;
-use super::picture_measures::Cell;
-use super::record::Record;
+use super::group::PictureGroup;
+use super::measures::Cell;
+use crate::evaluate::record::Record;
 use crate::pairs::valid_depth::median_of;
 
 /// Number of cells across and down.
@@ -52,7 +52,7 @@ pub(super) fn wrong_cells(target: &RgbImage, picture: &RgbImage) -> Vec<Cell> {
 }
 
 /// A warning if the pictures share content that their targets do not show.
-pub(super) fn stamped_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
+pub(crate) fn stamped_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let records = group.pictures.iter();
     let compared = records.filter_map(|record| Some((*record, record.wrong_cells.as_deref()?)));
     let pictures: Vec<(&Record, &[Cell])> = compared.collect();
@@ -117,10 +117,10 @@ pub(super) fn stamped_pictures(group: &PictureGroup<'_, &Record>) -> Option<Stri
 mod tests {
     use image::Rgb;
 
-    use super::super::picture_group::tests::of_dataset;
-    use super::super::record::Status;
-    use super::super::record::tests::record;
+    use super::super::group::tests::of_dataset;
     use super::*;
+    use crate::evaluate::record::Status;
+    use crate::evaluate::record::tests::record;
 
     /// The warning about eight predictions, altered by `change`.
     fn told(change: impl Fn(u32, u32, u8) -> u8) -> Option<String> {

@@ -12,14 +12,14 @@ use image::{GenericImageView, Rgb, RgbImage};
 use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
 
 use super::finding::PictureChange;
-use super::gaussians::likeness::Likeness;
-use super::picture_layout::layout_change;
-use super::picture_levels::{
+use super::layout::layout_change;
+use super::levels::{
     from_hsv, from_lab, from_luma, has_equal_channels, is_grey, is_limited, is_noise,
     is_normalised_and_stretched, is_uniform, is_unscaled, is_wrapped, normalised, stretching,
 };
-use super::picture_placement::placement_change;
-use super::record::Record;
+use super::placement::placement_change;
+use crate::evaluate::gaussians::likeness::Likeness;
+use crate::evaluate::record::Record;
 use crate::scoring::Region;
 
 /// Maximum width compared, in pixels.
@@ -84,13 +84,13 @@ const OTHER_SPACES: [OtherSpace; 9] = [
 ];
 
 /// Whether methods of this kind read pictures stored by other programs.
-pub(super) fn is_checked(kind: &str) -> bool {
+pub(crate) fn is_checked(kind: &str) -> bool {
     ["imported", "command"].contains(&kind)
 }
 
 /// Sets [`Record::change`] if undoing a change brings the picture significantly closer to the photograph, or to the
 /// part of the photograph that the picture covers. `source` reads the source's photograph, shrunk.
-pub(super) fn note_change(
+pub(crate) fn note_change(
     record: &mut Record,
     photograph: &RgbImage,
     picture: &RgbImage,

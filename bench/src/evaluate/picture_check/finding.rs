@@ -441,7 +441,7 @@ impl Framing {
 }
 
 /// The first [`MAX_NAMED`] names, separated by commas, and the number of further names.
-pub(super) fn listed(names: BTreeSet<&str>) -> String {
+pub(crate) fn listed(names: BTreeSet<&str>) -> String {
     let more = match names.len().saturating_sub(MAX_NAMED) {
         0 => String::new(),
         more => format!(" and {more} more"),

@@ -8,7 +8,7 @@ use image::imageops::thumbnail;
 use image::{GenericImageView, RgbImage};
 
 use super::finding::PictureChange;
-use super::gaussians::likeness::Likeness;
+use crate::evaluate::gaussians::likeness::Likeness;
 use crate::scoring::Region;
 
 /// Width at which the place is searched, in pixels.

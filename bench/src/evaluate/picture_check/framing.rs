@@ -9,7 +9,7 @@ use image::{Rgb, RgbImage};
 use sharp::camera::Intrinsics;
 
 use super::finding::Framing;
-use super::picture_motion::{HALF, MIN_CONTRAST, correlation, patch};
+use super::motion::{HALF, MIN_CONTRAST, correlation, patch};
 
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [12, 8];
@@ -323,7 +323,7 @@ mod tests {
     use image::imageops::fast_blur;
     use sharp::camera::RigidTransform;
 
-    use super::super::picture_motion::tests::{PLANE, camera, pose, view};
+    use super::super::motion::tests::{PLANE, camera, pose, view};
     use super::*;
 
     /// How pictures by another camera, turned by `roll` radians, frame two targets: one of a stereo pair, one of a

@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 /// The normal equations of a picture's shift by least squares, divided by the number of edges: the matrix elements xx,
 /// xy and yy, the right-hand side x and y (pixels), and the sum of squared displacements (pixels squared), which is the
 /// error without a shift.
-pub(super) type ShiftEquations = [f32; 6];
+pub(crate) type ShiftEquations = [f32; 6];
 
 /// A cell's number, row by row, and its mean levels in the picture and in the target.
-pub(super) type Cell = (u16, u8, u8);
+pub(crate) type Cell = (u16, u8, u8);
 
 /// Levels of a picture, its target and its source at the 10th, 30th, 50th, 70th and 90th percentile, by channel.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

@@ -10,9 +10,9 @@ use image::imageops::grayscale;
 use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 use sharp::camera::Intrinsics;
 
-use super::picture_group::PictureGroup;
-use super::picture_measures::ShiftEquations;
-use super::record::Record;
+use super::group::PictureGroup;
+use super::measures::ShiftEquations;
+use crate::evaluate::record::Record;
 
 /// A shift is reported only if one of its components is at least this, in pixels. Conventions of pixel centres differ
 /// by half a pixel.
@@ -221,11 +221,11 @@ mod tests {
     use image::Rgb;
     use image::imageops::{fast_blur, sample_bilinear};
 
-    use super::super::picture_group::tests::of_dataset;
-    use super::super::picture_motion::tests::{PLANE, camera, pose, view};
-    use super::super::record::Status;
-    use super::super::record::tests::record;
+    use super::super::group::tests::of_dataset;
+    use super::super::motion::tests::{PLANE, camera, pose, view};
     use super::*;
+    use crate::evaluate::record::Status;
+    use crate::evaluate::record::tests::record;
 
     /// What is said of twelve predictions of the plane `seen_as`, shifted by these pixels, with cameras that move in
     /// several directions, or as in stereo.

@@ -11,10 +11,10 @@ use image::RgbImage;
 use image::imageops::thumbnail;
 use sharp::color::{linear_from_srgb, srgb_from_linear};
 
-use super::picture_camera::is_reframed;
-use super::picture_group::{Extent, PictureGroup};
-use super::picture_measures::Tone;
-use super::record::Record;
+use super::camera::is_reframed;
+use super::group::{Extent, PictureGroup};
+use super::measures::Tone;
+use crate::evaluate::record::Record;
 
 /// Number of cells across and down.
 const GRID: [u32; 2] = [32, 24];
@@ -345,7 +345,7 @@ fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
 }
 
 /// Warns if the pictures have one curve or dark corners in common.
-pub(super) fn toned_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
+pub(crate) fn toned_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let records = group.pictures.iter();
     let measured = records.filter_map(|record| Some((record.change, record.tone.as_ref()?)));
     let (changes, tones): (Vec<_>, Vec<&Tone>) = measured.unzip();
@@ -366,7 +366,7 @@ pub(super) fn toned_pictures(group: &PictureGroup<'_, &Record>) -> Option<String
 
 /// Warns if most pictures are black or white where source and target show content. Does not warn if their cameras
 /// differ from the targets', because a border may then be missing.
-pub(super) fn masked_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
+pub(crate) fn masked_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let mut shares: Vec<u8> = group.pictures.iter().filter_map(|r| r.masked).collect();
     shares.sort_unstable();
     let (all, median) = (shares.len(), *shares.get(shares.len() / 2)?);
@@ -497,10 +497,10 @@ mod tests {
     use image::Rgb;
     use image::imageops::fast_blur;
 
-    use super::super::picture_group::tests::of_dataset;
-    use super::super::record::Status;
-    use super::super::record::tests::record;
+    use super::super::group::tests::of_dataset;
     use super::*;
+    use crate::evaluate::record::Status;
+    use crate::evaluate::record::tests::record;
 
     const SIZE: (u32, u32) = (160, 120);
 

@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::finding::{Framing, PictureChange, ShownCamera, ShownTarget};
-use super::picture_group::{Extent, PictureGroup};
-use super::picture_sample::FEWEST;
-use super::picture_shift::shifted_pictures;
-use super::record::Record;
+use super::group::{Extent, PictureGroup};
+use super::sample::FEWEST;
+use super::shift::shifted_pictures;
+use crate::evaluate::record::Record;
 
 /// A wrong camera is reported only if at least this share of the pictures with a measured camera agree on it.
 const MIN_SHARE: f64 = 0.8;
@@ -54,7 +54,7 @@ pub(super) fn is_reframed(group: &PictureGroup<'_, &Record>) -> bool {
 }
 
 /// Warns if the compared pictures agree on a wrong camera or shift, or if most show other targets.
-pub(super) fn misplaced_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
+pub(crate) fn misplaced_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let pairs = format!("pairs of {}", group.name);
     let mut shown: BTreeMap<ShownTarget, usize> = BTreeMap::new();
     for target in group.pictures.iter().filter_map(|record| record.shows) {
@@ -149,9 +149,9 @@ fn wrong_camera(cameras: Vec<ShownCamera>, extent: Extent) -> Option<(ShownCamer
 
 #[cfg(test)]
 mod tests {
-    use super::super::picture_group::tests::of_dataset;
-    use super::super::record::tests::record;
+    use super::super::group::tests::of_dataset;
     use super::*;
+    use crate::evaluate::record::tests::record;
 
     /// The warning about 8 pictures, each of another source. `found` lists wrong cameras and how many pictures show them;
     /// the other pictures show their own.

@@ -11,16 +11,16 @@ use image::RgbImage;
 use image::imageops::thumbnail;
 use sharp_datasets::View;
 
+use super::change::shrunk;
 use super::finding::{ShownCamera, ShownTarget};
-use super::gaussians::likeness::Likeness;
-use super::picture_check::shrunk;
-use super::picture_framing::shown_framing;
-use super::picture_motion::{MeasuredMotion, shown_camera};
-use super::picture_sample::PictureSample;
-use super::picture_shift::shift_equations;
-use super::picture_stamp::wrong_cells;
-use super::picture_tone::tone;
-use super::record::Record;
+use super::framing::shown_framing;
+use super::motion::{MeasuredMotion, shown_camera};
+use super::sample::PictureSample;
+use super::shift::shift_equations;
+use super::stamp::wrong_cells;
+use super::tone::tone;
+use crate::evaluate::gaussians::likeness::Likeness;
+use crate::evaluate::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
 
@@ -43,11 +43,11 @@ const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
 
 /// Reduced photographs, keyed by dataset, scene and view.
 #[derive(Default)]
-pub(super) struct Thumbnails(BTreeMap<[String; 3], Option<RgbImage>>);
+pub(crate) struct Thumbnails(BTreeMap<[String; 3], Option<RgbImage>>);
 
 impl Thumbnails {
     /// A view's photograph, shrunk; `None` if it cannot be read.
-    pub(super) fn of(&mut self, planned: &ResolvedPair<'_>, view: &View) -> Option<RgbImage> {
+    pub(crate) fn of(&mut self, planned: &ResolvedPair<'_>, view: &View) -> Option<RgbImage> {
         let scene = planned.scene;
         let name = [&scene.dataset, &scene.id, &view.id].map(Clone::clone);
         let read = || Some(shrunk(&view.content.image().ok()?));
@@ -57,7 +57,7 @@ impl Thumbnails {
 
 /// Sets [`Record::shows`], [`Record::camera`], [`Record::wrong_cells`], [`Record::tone`], [`Record::shift`] and
 /// [`Record::masked`] if the picture is in `sample` and covers the whole target.
-pub(super) fn note_order(
+pub(crate) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,
     sample: &PictureSample<'_>,
@@ -190,9 +190,9 @@ fn fit(seen: &RgbImage, shown: &RgbImage) -> Likeness {
 mod tests {
     use image::Rgb;
 
-    use super::super::picture_camera::misplaced;
-    use super::super::picture_group::Extent;
-    use super::super::picture_sample::compared_pictures;
+    use super::super::camera::misplaced;
+    use super::super::group::Extent;
+    use super::super::sample::compared_pictures;
     use super::*;
 
     /// Waves of another direction for each `view`, with some noise.

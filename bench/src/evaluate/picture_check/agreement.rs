@@ -3,11 +3,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::camera::{is_reframed, is_resized};
+use super::change::UNLIKE;
 use super::finding::{PictureChange, ShownTarget, listed};
-use super::picture_camera::{is_reframed, is_resized};
-use super::picture_check::UNLIKE;
-use super::picture_group::{Extent, PictureGroup, scene_of};
-use super::record::Record;
+use super::group::{Extent, PictureGroup, scene_of};
+use crate::evaluate::record::Record;
 
 /// A change is reported for a dataset only if at least this many of its pictures have it.
 const MIN_CHANGED: usize = 3;
@@ -37,7 +37,7 @@ const MAX_UNEVEN_SHARE: f64 = 0.1;
 const MIN_SPREAD: i16 = 5;
 
 /// The sentences of [`agreed_changes`], without crops and padding if a wrong camera explains them.
-pub(super) fn changed_pictures(group: &PictureGroup<'_, &Record>) -> Vec<String> {
+pub(crate) fn changed_pictures(group: &PictureGroup<'_, &Record>) -> Vec<String> {
     let is_reframed = is_reframed(group);
     let change = |record: &&Record| {
         let is_explained = is_reframed && is_resized(record.change);
@@ -194,7 +194,7 @@ fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> Str
 
 /// Warns if several targets have the same predicted file, unless that is the source's photograph, which is reported
 /// elsewhere.
-pub(super) fn repeated_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
+pub(crate) fn repeated_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let records = || group.pictures.iter();
     if records().any(|record| record.shows == Some(ShownTarget::Source)) {
         return None;
@@ -231,10 +231,10 @@ pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::picture_group::tests::of_dataset;
-    use super::super::record::tests::record;
-    use super::super::record::{PairFiles, Status};
+    use super::super::group::tests::of_dataset;
     use super::*;
+    use crate::evaluate::record::tests::record;
+    use crate::evaluate::record::{PairFiles, Status};
 
     fn records(all: usize, of: impl Fn(usize, &mut Record)) -> Vec<Record> {
         let one = |at: usize| {

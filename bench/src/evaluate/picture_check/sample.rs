@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::finding::ShownTarget;
-use super::picture_group::scenes;
+use super::group::scenes;
 use crate::pairs::pair_list::ResolvedPair;
 
 /// Number of pairs per dataset whose pictures are compared, evenly spaced.
@@ -22,7 +22,7 @@ pub(super) const FEWEST: usize = 3;
 
 /// The pairs whose pictures are compared with more than their own target, by id.
 #[derive(Default)]
-pub(super) struct PictureSample<'a> {
+pub(crate) struct PictureSample<'a> {
     /// For each of these pairs, the other pairs whose targets its picture is compared with.
     pub(super) others: BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>,
     /// Pairs whose pictures' shift is measured, in addition.
@@ -31,7 +31,7 @@ pub(super) struct PictureSample<'a> {
 
 /// Chooses the pairs whose pictures are compared. `pairs` must be all pairs of the plan, so that all shards choose the
 /// same.
-pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> PictureSample<'a> {
+pub(crate) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> PictureSample<'a> {
     let mut datasets: BTreeMap<&str, Vec<ResolvedPair<'a>>> = BTreeMap::new();
     for planned in pairs {
         let of_dataset = datasets.entry(&planned.scene.dataset).or_default();

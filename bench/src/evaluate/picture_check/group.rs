@@ -94,11 +94,11 @@ pub(super) fn scenes<'a, T>(
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::doubts::doubts_of;
     use super::super::finding::{Framing, PictureChange, ShownCamera, ShownTarget};
-    use super::super::record::tests::record;
-    use super::super::record::{Record, Status};
     use super::*;
+    use crate::evaluate::doubts::doubts_of;
+    use crate::evaluate::record::tests::record;
+    use crate::evaluate::record::{Record, Status};
     use crate::methods::TrueDepth;
 
     /// The result of a check of these records as those of one dataset.
