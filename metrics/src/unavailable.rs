@@ -2,7 +2,7 @@
 
 use crate::options::Device;
 use crate::picture::PictureError;
-use crate::weights::Backbone;
+use crate::weights::backbone::Backbone;
 
 /// Reason that a metric has no value for a pair.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

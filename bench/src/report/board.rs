@@ -92,6 +92,12 @@ impl<'a> DatasetBoard<'a> {
 }
 
 impl<'a> Board<'a> {
+    /// Datasets whose terms forbid publishing their pictures.
+    pub fn withheld(&self) -> impl Iterator<Item = &ReportDataset> {
+        let datasets = self.datasets.iter().map(|board| &board.dataset);
+        datasets.filter(|dataset| !dataset.may_publish())
+    }
+
     /// Arranges results.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::html::Page;
+use super::page::Page;
 use super::tables::Table;
 use super::tables::markdown::escape;
 use crate::io::counts::counted;

@@ -14,7 +14,8 @@
 //! * [`sweep`]: scores against camera motion, as a study; [`figures`]: the other figures of a paper.
 //! * [`speed`]: run time and compute; [`mod@methods_text`]: a paragraph for a paper on how the numbers were computed;
 //!   [`metrics_text`]: sentences on the metrics.
-//! * [`html`]: the page; `page_data`: the data for its script; [`markdown`]: the page's contents as Markdown.
+//! * [`page`]: the page, with the data for its script; [`markdown`]: the page's contents as Markdown; [`html`]: what all
+//!   pages share.
 
 pub mod board;
 mod choice;
@@ -30,7 +31,7 @@ pub mod markdown;
 pub mod methods_text;
 pub mod metrics_text;
 pub mod options;
-mod page_data;
+pub mod page;
 pub mod paper;
 pub mod pictures;
 pub mod plots;

@@ -14,14 +14,14 @@ use crate::io::atomic_files::{FileError, write_atomic, write_replaceable};
 use crate::io::counts::counted;
 use crate::io::text::{visible, without_folders};
 
-use super::board::{Board, ReportDataset};
+use super::board::Board;
 use super::column::Column;
 use super::error::ReportError;
 use super::facts::facts;
 use super::figures::qualitative;
 use super::gallery::{Gallery, THUMBNAILS};
-use super::html::Page;
 use super::options::{Layout, ReportOptions};
+use super::page::Page;
 use super::pictures::ReportPictures;
 use super::statistics::Uncertainty;
 use super::tables::{Table, build, remarks};
@@ -84,7 +84,7 @@ pub fn report(
         {
             *text = without_folders(text);
         }
-        let withheld = withheld(&board).map(|dataset| dataset.name.clone());
+        let withheld = board.withheld().map(|dataset| dataset.name.clone());
         pictures = pictures.public(withheld.collect());
     }
     let (metrics, mut ours) = score_tables(&board, &results.records);
@@ -207,12 +207,6 @@ fn without_paths(results: &Results) -> Results {
         dataset.spec = None;
     }
     results
-}
-
-/// Datasets whose terms forbid publishing their pictures.
-pub(super) fn withheld<'a>(board: &'a Board<'_>) -> impl Iterator<Item = &'a ReportDataset> {
-    let datasets = board.datasets.iter().map(|board| &board.dataset);
-    datasets.filter(|dataset| !dataset.may_publish())
 }
 
 /// One or two sentences below the title.

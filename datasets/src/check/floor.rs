@@ -1,10 +1,11 @@
 //! Contradictions that no known change explains: features match between two pictures, but not at the places that poses,
 //! cameras and depth predict.
 
-use super::features::MIN_MATCHES;
-use super::features::Matches;
+use std::collections::BTreeMap;
+
+use super::features::{CLOSE as CLOSE_TO_LINE, MIN_MATCHES, Matches, NEAR, lies, pixel};
 use super::neighbours::Neighbours;
-use super::small_view::WIDEST;
+use super::small_view::{WIDEST, ray};
 
 /// Depth contradicts a pair of views if the median distance of matches from their predicted places is at least this, in
 /// reduced pixels, and few matches are close to these places ([`MAX_CLOSE`]). Consistent scenes have medians below 1.
@@ -23,19 +24,19 @@ const MIN_ON_LINES: f64 = 0.8;
 
 /// Measures how well poses, cameras and depth predict the features that match between a view and the next.
 #[derive(Debug)]
-pub(super) struct Residual {
-    pub(super) first: usize,
-    pub(super) matches: usize,
+struct Residual {
+    first: usize,
+    matches: usize,
     /// Number of matches on each other's epipolar lines.
-    pub(super) on_lines: usize,
+    on_lines: usize,
     /// Number of matches near each other's epipolar lines.
-    pub(super) close: usize,
+    close: usize,
     /// Distances of matches from their predicted places, in reduced pixels, ascending.
-    pub(super) misses: Vec<f64>,
+    misses: Vec<f64>,
 }
 
 impl Residual {
-    pub(super) fn of(first: usize) -> Self {
+    fn of(first: usize) -> Self {
         Self {
             first,
             matches: 0,
@@ -43,6 +44,29 @@ impl Residual {
             close: 0,
             misses: Vec::new(),
         }
+    }
+
+    /// One for each view with matches. Without depth, none has misses.
+    fn all(matches: &Matches<'_>, depth: Option<&Neighbours<'_>>) -> Vec<Self> {
+        let mut all: BTreeMap<usize, Self> = BTreeMap::new();
+        for (i, a, b) in &matches.matches {
+            let [(pose, camera), (next_pose, next_camera)] =
+                [*i, i + 1].map(|i| (&matches.views[i].camera_from_world, &matches.cameras[&i]));
+            let next_from_view = next_pose.after(&pose.inverse());
+            let rays = (ray(camera, *a), ray(next_camera, *b));
+            let residual = all.entry(*i).or_insert(Self::of(*i));
+            residual.matches += 1;
+            let [on, close] = [NEAR, CLOSE_TO_LINE]
+                .map(|near| lies(&next_from_view, rays, near * pixel(next_camera)));
+            residual.on_lines += usize::from(on);
+            residual.close += usize::from(close);
+            let miss = depth.and_then(|depth| depth.miss((*i, camera, *a), next_camera, *b));
+            residual.misses.extend(miss);
+        }
+        for residual in all.values_mut() {
+            residual.misses.sort_by(f64::total_cmp);
+        }
+        all.into_values().collect()
     }
 
     /// Fraction of the matches near their epipolar lines.
@@ -78,7 +102,7 @@ pub(super) fn contradiction(
     matches: &Matches<'_>,
     neighbours: Option<&Neighbours<'_>>,
 ) -> Option<String> {
-    let residuals = matches.residuals(neighbours);
+    let residuals = Residual::all(matches, neighbours);
     // If colours fit, features of repeated patterns may be matched wrongly.
     let is_explained = |one: &Residual| neighbours.is_some_and(|all| all.is_explained(one.first));
     let contradicted = residuals.iter().filter(|one| one.is_contradicted());

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::bytes::{Bytes, OpenFile};
 use crate::error::{CheckpointError, Fault, malformed};
+use crate::hash::hex;
 use crate::pickle::state_dict::{NamedTensors, resolve};
 use crate::pickle::value::Heap;
 use crate::tensor::{DType, TensorLayout};
@@ -115,7 +116,8 @@ impl Checkpoint {
     /// [`CheckpointError::Io`] if the file cannot be read.
     pub fn sha256(&self) -> Result<String, CheckpointError> {
         let hash = self.file.sha256();
-        hash.map_err(|error| Fault::Io(error).at(&self.path))
+        hash.map(hex)
+            .map_err(|error| Fault::Io(error).at(&self.path))
     }
 
     fn layout(&self, name: &str) -> Result<&TensorLayout, CheckpointError> {

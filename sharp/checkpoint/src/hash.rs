@@ -31,7 +31,7 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
 /// [`CheckpointError::Io`] if the file is not regular or cannot be read.
 pub fn file_sha256(path: &Path) -> Result<String, CheckpointError> {
     let hash = OpenFile::open(path).and_then(|file| file.sha256());
-    hash.map_err(|source| CheckpointError::Io {
+    hash.map(hex).map_err(|source| CheckpointError::Io {
         path: path.to_owned(),
         source,
     })

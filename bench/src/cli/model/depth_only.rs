@@ -11,7 +11,7 @@ use sharp::model::depth_pro::DepthPro;
 use sharp::model::preprocess::Photo;
 
 use super::args::focal_text;
-use super::predict::{DepthForm, PredictArgs, for_each, named_after};
+use super::photographs::{DepthForm, PredictArgs, for_each, named_after};
 use crate::cli::{Outcome, output};
 use crate::io::rendering_files::{write_exr_channels, write_millimetres_png};
 

@@ -13,8 +13,7 @@ use super::Effort;
 use super::advice::{self, Units};
 use super::change::{Change, Moves};
 use super::convention::{CONVENTIONS, alternatives};
-use super::floor::Residual;
-use super::neighbours::{Neighbours, neighbours};
+use super::neighbours::neighbours;
 use super::orders::{is_one_to_one, orders, thinned};
 use super::small_view::{Grey, SmallView, ray};
 use crate::View;
@@ -33,9 +32,9 @@ const MIN_ALIKE: f32 = 0.85;
 /// A match is unique if its distance (1 − correlation) is below this multiple of the second-best match's distance.
 const UNIQUE: f32 = 0.6;
 /// A match lies on its epipolar line if it is at most this far from the line, in pixels.
-const NEAR: f64 = 1.0;
+pub(super) const NEAR: f64 = 1.0;
 /// Like [`NEAR`], in pixels, but wide enough for poses that are merely imprecise.
-const CLOSE: f64 = 3.0;
+pub(super) const CLOSE: f64 = 3.0;
 /// Minimum width and height of reduced views; smaller ones are skipped, because a pixel is too large a fraction of
 /// them.
 const MIN_SIDE: u32 = 48;
@@ -66,10 +65,10 @@ type Elsewhere = ((usize, usize), String, Vec<Option<bool>>);
 
 /// Features that match between neighbouring views.
 pub(super) struct Matches<'a> {
-    views: &'a [View],
-    cameras: BTreeMap<usize, Intrinsics>,
+    pub(super) views: &'a [View],
+    pub(super) cameras: BTreeMap<usize, Intrinsics>,
     /// View index, and the positions in that view and in the next.
-    matches: Vec<(usize, DVec2, DVec2)>,
+    pub(super) matches: Vec<(usize, DVec2, DVec2)>,
 }
 
 impl<'a> Matches<'a> {
@@ -200,30 +199,6 @@ impl<'a> Matches<'a> {
 
     pub(super) fn id(&self, i: usize) -> &str {
         &self.views[i].id
-    }
-
-    /// How well poses, cameras and, if `of` is given, depth explain the matches of each pair of
-    /// views.
-    pub(super) fn residuals(&self, of: Option<&Neighbours<'_>>) -> Vec<Residual> {
-        let poses = |i: usize| (&self.views[i].camera_from_world, &self.cameras[&i]);
-        let mut all: BTreeMap<usize, Residual> = BTreeMap::new();
-        for (i, a, b) in &self.matches {
-            let ((pose, camera), (next_pose, next_camera)) = (poses(*i), poses(i + 1));
-            let next_from_view = next_pose.after(&pose.inverse());
-            let rays = (ray(camera, *a), ray(next_camera, *b));
-            let residual = all.entry(*i).or_insert(Residual::of(*i));
-            residual.matches += 1;
-            let [on, close] =
-                [NEAR, CLOSE].map(|near| lies(&next_from_view, rays, near * pixel(next_camera)));
-            residual.on_lines += usize::from(on);
-            residual.close += usize::from(close);
-            let miss = of.and_then(|of| of.miss((*i, camera, *a), next_camera, *b));
-            residual.misses.extend(miss);
-        }
-        for residual in all.values_mut() {
-            residual.misses.sort_by(f64::total_cmp);
-        }
-        all.into_values().collect()
     }
 
     /// Evidence that the two pictures of a pair are swapped; `None` if it is not significant.
@@ -391,12 +366,12 @@ fn fits(
 }
 
 /// Size of a pixel at z = 1, in the direction in which it is smaller.
-fn pixel(camera: &Intrinsics) -> f64 {
+pub(super) fn pixel(camera: &Intrinsics) -> f64 {
     1.0 / camera.fx.max(camera.fy)
 }
 
 /// True if two rays, one from each view, pass within `near` of each other, measured at z = 1 of the second view.
-fn lies(second_from_first: &RigidTransform, rays: (DVec3, DVec3), near: f64) -> bool {
+pub(super) fn lies(second_from_first: &RigidTransform, rays: (DVec3, DVec3), near: f64) -> bool {
     miss(second_from_first, rays, near) < near
 }
 

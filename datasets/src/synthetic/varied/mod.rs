@@ -7,6 +7,7 @@
 
 mod draft;
 mod furnishing;
+mod hull;
 mod indoors;
 mod outdoors;
 mod reflective;

@@ -6,7 +6,7 @@ use super::super::finish::Finish;
 use super::super::paint::{Paint, Tone};
 use super::super::shapes::{SurfaceShape, turned};
 use super::draft::Draft;
-use super::indoors::Hull;
+use super::hull::Hull;
 
 /// Distance in metres between a surface and a mirror or pane in front of it, so that they do not coincide.
 const GAP_M: f64 = 0.004;
