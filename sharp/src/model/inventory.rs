@@ -7,8 +7,7 @@ use std::path::Path;
 use sharp_checkpoint::{Checkpoint, Expected};
 
 use super::network::SharpNetwork;
-use super::params::{Parameter, Params, WeightSource, Weights};
-use super::synth::Synth;
+use super::params::{Parameter, Params, Synth, WeightSource, Weights};
 use super::{Algorithm, Compute, ModelConfig, ModelError};
 
 /// All parameters of the network of `config`, in order of construction.

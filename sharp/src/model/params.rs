@@ -11,6 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use candle_core::{DType, Device, Shape, Tensor, Var};
 use candle_nn::var_builder::SimpleBackend;
 use candle_nn::{Init, VarBuilder};
+use sharp_checkpoint::deterministic::model_weights;
 
 use super::ModelError;
 use super::compute::{Compute, Kernels};
@@ -23,6 +24,19 @@ pub trait WeightSource: Send + Sync {
     /// # Errors
     /// [`ModelError`] if the values cannot be read.
     fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError>;
+}
+
+/// Derives every parameter from its name; see [`sharp_checkpoint::deterministic`].
+#[derive(Debug, Clone, Default)]
+pub struct Synth {
+    /// Text that is prepended to every name.
+    pub salt: String,
+}
+
+impl WeightSource for Synth {
+    fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
+        Ok(model_weights(&self.salt, name, shape))
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]

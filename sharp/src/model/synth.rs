@@ -8,21 +8,8 @@ use sharp_checkpoint::deterministic::model_weights;
 use sharp_checkpoint::{DType, OutTensor, write_safetensors};
 
 use super::inventory::inventory;
-use super::params::WeightSource;
+pub use super::params::Synth;
 use super::{ModelConfig, ModelError};
-
-/// Derives every parameter from its name; see [`sharp_checkpoint::deterministic`].
-#[derive(Debug, Clone, Default)]
-pub struct Synth {
-    /// Text that is prepended to every name.
-    pub salt: String,
-}
-
-impl WeightSource for Synth {
-    fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
-        Ok(model_weights(&self.salt, name, shape))
-    }
-}
 
 /// Writes deterministic weights of all parameters of `config` to a safetensors file, with one tensor in memory at a
 /// time.

@@ -6,6 +6,7 @@
 //! spherical harmonics, `(c − ½) / √(1 / 4π)`. [`StoredForm`] describes files with other encodings.
 
 mod compressed;
+mod decoded;
 mod marks;
 mod read;
 mod reading;
@@ -22,10 +23,11 @@ use table::TableError;
 pub use compressed::to_compressed_bytes;
 #[cfg(feature = "gaussian-files")]
 pub(crate) use compressed::{completed, unit_quaternion};
-pub use marks::{FileMarks, Generator, SplatRenderMode};
+pub use decoded::check_stored;
 #[cfg(feature = "gaussian-files")]
-pub(crate) use read::{Decoded, degree_of};
-pub use read::{check_stored, from_bytes};
+pub(crate) use decoded::{Decoded, degree_of};
+pub use marks::{FileMarks, Generator, SplatRenderMode};
+pub use read::from_bytes;
 #[cfg(feature = "render")]
 pub(crate) use reading::setting;
 pub use reading::{

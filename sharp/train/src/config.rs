@@ -24,8 +24,8 @@ use crate::losses::{LossOptions, LossWeights};
 use crate::optimizer::Adam;
 use crate::parts::TrainedParts;
 use crate::position::Stage;
+pub use crate::pseudo_views::PseudoViews;
 use crate::schedule::Schedule;
-pub use crate::self_supervision::PseudoViews;
 
 /// Errors of a training configuration.
 #[derive(Debug, thiserror::Error)]

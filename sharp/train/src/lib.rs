@@ -25,6 +25,7 @@ mod objective;
 pub mod optimizer;
 pub mod parts;
 pub mod position;
+mod pseudo_views;
 pub mod schedule;
 mod self_supervision;
 mod stopped;

@@ -15,7 +15,6 @@ use std::path::Path;
 
 use glam::DVec3;
 use image::{ImageBuffer, Luma};
-use serde::Deserialize;
 use sharp::camera::{RigidTransform, target_camera_from_source_ndc};
 use sharp::color::Quantization;
 use sharp::model::inventory::CheckpointSource;
@@ -27,55 +26,7 @@ use sharp::trajectory::looking;
 
 use crate::config::StageConfig;
 use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};
-
-/// What the paper leaves open about the second stage's pseudo-novel views.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct PseudoViews {
-    /// Maximum distance of a pseudo-novel camera from the photograph's, as a fraction of the photograph's median
-    /// depth. The camera looks at a point at this depth.
-    pub part_of_distance: f64,
-    /// The point that a camera looks at is off the photograph's axis by at most this fraction of the median depth,
-    /// horizontally and vertically.
-    pub part_aside: f64,
-    /// Minimum alpha at which losses use a pixel of the rendering.
-    pub covered: f32,
-}
-
-impl Default for PseudoViews {
-    fn default() -> Self {
-        Self {
-            part_of_distance: 0.26,
-            part_aside: 0.1,
-            covered: 0.99,
-        }
-    }
-}
-
-impl PseudoViews {
-    /// The first invalid value: its key, and the reason.
-    pub(crate) fn first_fault(&self) -> Option<(&'static str, String)> {
-        let checks = [
-            (
-                self.part_of_distance > 0.0 && self.part_of_distance < 1.0,
-                "pseudo_views.part_of_distance",
-                "is not between 0 and 1",
-            ),
-            (
-                (0.0..1.0).contains(&self.part_aside),
-                "pseudo_views.part_aside",
-                "is not between 0 and 1",
-            ),
-            (
-                (0.0..1.0).contains(&self.covered),
-                "pseudo_views.covered",
-                "is not between 0 and 1",
-            ),
-        ];
-        let failed = checks.into_iter().find(|(holds, ..)| !holds);
-        failed.map(|(_, key, reason)| (key, reason.to_owned()))
-    }
-}
+use crate::pseudo_views::PseudoViews;
 
 /// Examples generated from photographs.
 pub(crate) struct SelfSupervisedSamples {

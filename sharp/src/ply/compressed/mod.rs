@@ -4,8 +4,8 @@
 mod write;
 
 use super::PlyReason;
+use super::decoded::{Decoded, degree_of};
 use super::marks::FileMarks;
-use super::read::{Decoded, degree_of};
 use super::reading::{StoredColors, StoredForm, StoredOpacity, StoredScales};
 use super::table::{Body, Element, Header, TableError};
 

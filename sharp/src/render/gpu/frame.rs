@@ -151,7 +151,7 @@ impl Frame<'_> {
     fn view_uniform(&self) -> GpuBuffer {
         let colors = ViewColors::new(self.scene.degree, self.view);
         let constants = ViewConstants::new(self.view);
-        let view = ViewUniform::new(&constants, colors, self.scene);
+        let view = ViewUniform::new(&constants, colors, (self.scene.count, self.scene.degree));
         self.gpu.uniform("view", &view)
     }
 

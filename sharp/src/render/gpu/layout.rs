@@ -3,7 +3,6 @@
 use super::super::harmonics::ViewColors;
 use super::super::view::ViewConstants;
 use super::super::{Dropped, Support};
-use super::scene::GpuScene;
 use super::subframe::SubFrame;
 use crate::gaussians::Harmonics;
 use bytemuck::{Pod, Zeroable};
@@ -52,8 +51,13 @@ shared! {
 }
 
 impl ViewUniform {
-    pub(super) fn new(view: &ViewConstants, colors: Option<ViewColors>, scene: &GpuScene) -> Self {
-        let stored = Harmonics::coefficients_of(scene.degree);
+    /// For a scene of `count` Gaussians that stores harmonics up to `degree`.
+    pub(super) fn new(
+        view: &ViewConstants,
+        colors: Option<ViewColors>,
+        (count, degree): (u32, usize),
+    ) -> Self {
+        let stored = Harmonics::coefficients_of(degree);
         let (degree, [x, y, z]) = colors.map_or((0, [0.0; 3]), |colors| {
             (colors.degree, colors.eye.map(|v| v as f32))
         });
@@ -74,7 +78,7 @@ impl ViewUniform {
             eps2d: view.eps2d as f32,
             near: view.near,
             far: view.far,
-            count: scene.count,
+            count,
             zero: 0,
             compensation: view.compensation.code(),
             tiled: u32::from(view.support == Support::Tiles),

@@ -9,8 +9,8 @@ use tempfile::TempDir;
 use super::*;
 use crate::config::TrainingData;
 use crate::losses::LossWeights;
+use crate::pseudo_views::PseudoViews;
 use crate::schedule::Schedule;
-use crate::self_supervision::PseudoViews;
 
 fn cpu() -> Compute {
     Compute::cpu(Algorithm::Winograd)
