@@ -564,7 +564,7 @@ mod tests {
         let target = texture(1);
         let mut broken = Rgb32FImage::from_pixel(width, height, Rgb([0.5; 3]));
         broken.get_pixel_mut(3, 2).0[1] = f32::NAN;
-        let mut predictions: Vec<Picture> = (2..7).map(|seed| texture(90 * seed)).collect();
+        let mut predictions: Vec<Picture> = (2..5).map(|seed| texture(90 * seed)).collect();
         predictions.insert(1, Picture::from(broken));
         predictions.insert(4, Picture::from(RgbImage::new(height, width)));
         let fastest = Simd::detect();
@@ -572,7 +572,7 @@ mod tests {
             .into_iter()
             .map(|simd| (simd, Algorithm::Winograd, None))
             .collect();
-        for rows in [1, 7, 40] {
+        for rows in [7, 40] {
             options.push((fastest, Algorithm::Direct, NonZeroUsize::new(rows)));
         }
         for (simd, algorithm, strip_rows) in options {

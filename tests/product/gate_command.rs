@@ -148,7 +148,7 @@ fn planted_regressions_are_caught() {
     let dir = dir.path();
     // At 96 pixels, a 2 % error of the depth moves only few pixels by more than a quarter of a
     // pixel.
-    let width = 256;
+    let width = 192;
     with_good_model(dir, width);
     rendered(dir, width, "blurred-raw", "gaussians", &["--eps2d", "0.3"]);
     model(&dir.join("scaled"), &dir.join("pairs"), width, 1.02);

@@ -109,10 +109,10 @@ def datasets(tmp_path_factory):
     return [f"P:nerfstudio={folder}", f"M:middlebury={sb.bundled_data(tmp_path_factory.mktemp('bundled'))}"]
 
 
-def scores(run):
+def scores(run, names=("P", "M")):
     with open(run / "scores.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 2 and {row["dataset"] for row in rows} == {"P", "M"}
+    assert sorted(row["dataset"] for row in rows) == sorted(names)
     assert all(row["status"] == "ok" for row in rows), rows
     return {row["dataset"]: float(row["psnr"]) for row in rows}
 
@@ -206,8 +206,9 @@ def test_the_median_scale_of_a_methods_own_depth(recipe, stub, arguments, fit, d
     stubs(stub)
     monkeypatch.setenv("STUB_DEPTH_FACTOR", "1.3")
     for name, privilege in (("blind", "none"), ("told", "privileged")):
-        evaluate(program, tmp_path, name, recipe, arguments, f"depth={privilege},{fit}", datasets)
-    assert scores(tmp_path / "blind")["P"] < best_mistake(metric=True) < scores(tmp_path / "told")["P"]
+        evaluate(program, tmp_path, name, recipe, arguments, f"depth={privilege},{fit}", datasets[:1])
+    blind, told = (scores(tmp_path / name, ["P"])["P"] for name in ("blind", "told"))
+    assert blind < best_mistake(metric=True) < told
 
 
 @pytest.mark.parametrize(
@@ -222,11 +223,12 @@ def test_scales_of_a_method_that_normalises_the_cameras(recipe, stub, arguments,
     write_weights(tmp_path)
     stubs(stub)
     for name, scales in (("all", "0.8+1+1.25"), ("small", "0.8")):
-        evaluate(program, tmp_path, name, recipe, arguments, f"scales={scales},{fit}", datasets, "--scale-sweep")
+        evaluate(program, tmp_path, name, recipe, arguments, f"scales={scales},{fit}", datasets[:1], "--scale-sweep")
     with open(tmp_path / "all/scores.csv", newline="") as file:
         chosen = {row["dataset"]: (row["best_scale"], row["scales_tried"]) for row in csv.DictReader(file)}
     assert chosen["P"] == ("1", "3")
-    assert scores(tmp_path / "small")["P"] < best_mistake(metric=True) < scores(tmp_path / "all")["P"]
+    small, best = (scores(tmp_path / name, ["P"])["P"] for name in ("small", "all"))
+    assert small < best_mistake(metric=True) < best
 
 
 def test_what_they_share(monkeypatch):

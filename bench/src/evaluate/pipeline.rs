@@ -67,11 +67,12 @@ pub(super) fn run(
                         if maker.is_some_and(|maker| is_checked(&maker.identity().kind))
                             && let Ok(photograph) = truth.get()
                         {
-                            let (record, shown) = (&mut item.unit.record, &item.picture);
+                            let shown = photograph.with_excluded_of(&item.picture);
+                            let record = &mut item.unit.record;
                             let planned = &truth.planned;
                             let source = || thumbnails.of(planned, planned.source);
-                            note_change(record, photograph.image(), shown, source);
-                            let both = (photograph.image(), shown);
+                            note_change(record, photograph.image(), &shown, source);
+                            let both = (photograph.image(), &*shown);
                             note_order(record, planned, &job.sample, both, &mut thumbnails);
                         }
                         let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();

@@ -117,9 +117,12 @@ pub struct Record {
     /// Levels of the stored picture, its target and its source; `None` if they were not compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tone: Option<Tone>,
-    /// Equations of the stored picture's shift; `None` if it was not compared.
+    /// Equations of the stored picture's shift, from edges, in pixels; `None` if it was not compared or is not small.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shift: Option<ShiftEquations>,
+    /// Equations of the stored picture's shift, from blocks, in thousandths of the width; `None` if it was not compared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub far_shift: Option<ShiftEquations>,
     /// Percentage of the content common to source and target where the stored picture is black or white; `None` if too
     /// little content was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -353,6 +356,7 @@ pub(super) mod tests {
             tone: None,
             masked: None,
             shift: None,
+            far_shift: None,
             rule_note: None,
         }
     }

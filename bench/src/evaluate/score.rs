@@ -285,6 +285,7 @@ pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
         camera: None,
         wrong_cells: None,
         shift: None,
+        far_shift: None,
         tone: None,
         masked: None,
         rule_note: None,

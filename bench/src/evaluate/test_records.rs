@@ -56,6 +56,7 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         camera: None,
         wrong_cells: None,
         shift: None,
+        far_shift: None,
         tone: None,
         masked: None,
         rule_note: None,

@@ -253,6 +253,7 @@ mod tests {
             camera: None,
             wrong_cells: None,
             shift: None,
+            far_shift: None,
             tone: None,
             masked: None,
             rule_note: None,

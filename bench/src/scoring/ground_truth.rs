@@ -52,6 +52,24 @@ impl GroundTruth {
         self.valid.as_ref()
     }
 
+    /// A prediction of the whole target with the photograph's own pixels where pixels do not count.
+    pub(crate) fn with_excluded_of<'a>(&self, prediction: &'a RgbImage) -> Cow<'a, RgbImage> {
+        let Some(valid) = &self.valid else {
+            return Cow::Borrowed(prediction);
+        };
+        if prediction.dimensions() != self.dimensions() {
+            return Cow::Borrowed(prediction);
+        }
+        let mut filled = prediction.clone();
+        let pixels = filled.pixels_mut().zip(self.image.pixels());
+        for ((own, seen), counts) in pixels.zip(valid.values()) {
+            if !counts {
+                *own = *seen;
+            }
+        }
+        Cow::Owned(filled)
+    }
+
     /// Width and height, in pixels.
     pub fn dimensions(&self) -> (u32, u32) {
         self.image.dimensions()

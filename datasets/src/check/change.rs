@@ -91,6 +91,8 @@ impl Change {
                 | Self::Registered(_)
                 | Self::Buffer(_)
                 | Self::Planes { .. }
+                | Self::RayLength
+                | Self::NoRayLength
         )
     }
 

@@ -45,6 +45,9 @@ const ENOUGH_IN_TILE: usize = 8;
 /// An interpretation is refuted if it increases colour differences by more than this factor, even if depth agrees
 /// better.
 const WORSE_COLOURS: f64 = 1.02;
+/// The places that an interpretation compares lack texture if it is less than this share of that under the reader's
+/// interpretation.
+const MIN_TEXTURE: f64 = 0.2;
 
 /// Sum over the projections of each view into the next one. Projections in the opposite direction are left out.
 pub(super) fn forward(all: &[Explained]) -> Explained {
@@ -89,6 +92,12 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
     let levels = before.colour_levels().zip(after.colour_levels());
     10 * before.compared >= 3 * after.compared
         && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
+}
+
+/// True if another interpretation compares mainly places without texture, such as sky, which fit each other anywhere.
+pub(super) fn is_plain(as_read: &[Explained], other: &[Explained]) -> bool {
+    let [read, other] = [as_read, other].map(|all| forward(all).texture());
+    other < MIN_TEXTURE * read
 }
 
 /// False if depths agree under the reader's interpretation (`as_read`) and `other` hardly improves

@@ -143,6 +143,8 @@ impl Reading {
 
 /// Number of tiles into which a picture is divided, to compare the losses of the tiles separately.
 pub(super) const TILES: usize = 4;
+/// Distance at which the texture of a view is measured, in reduced pixels.
+const STEP: f64 = 3.0;
 /// Relative difference in depth at which the loss saturates.
 const DEPTH_SCALE: f64 = 0.1;
 /// Difference in colour, in levels, at which the loss saturates.
@@ -188,6 +190,9 @@ pub(super) struct Explained {
     pub(super) squares: f64,
     /// Sums of squared levels of the `compared` samples, in their own view and in the other view.
     levels: [f64; 2],
+    /// For some of the places in the other view where samples land: their number, and the sum of squared differences of
+    /// their colours from those [`STEP`] to the right.
+    texture: (usize, f64),
 }
 
 impl Explained {
@@ -317,6 +322,13 @@ impl Explained {
             for (sum, colour) in self.levels.iter_mut().zip([landing.colour, colour]) {
                 *sum += f64::from(sum_of_squares(colour));
             }
+            if self.compared.is_multiple_of(4)
+                && let Some(beside) = b.colour_at(landing.place + STEP * DVec2::X)
+            {
+                let step = sum_of_squares(std::array::from_fn(|i| beside[i] - colour[i]));
+                self.texture.0 += 1;
+                self.texture.1 += f64::from(step);
+            }
             let by_colour = (f64::from((squares / 3.0).sqrt()) / COLOUR_SCALE).min(1.0);
             tile.1 += landing
                 .by_depth
@@ -344,11 +356,18 @@ impl Explained {
         for (sum, other) in self.levels.iter_mut().zip(other.levels) {
             *sum += other;
         }
+        self.texture.0 += other.texture.0;
+        self.texture.1 += other.texture.1;
     }
 
     /// Fraction of all samples whose depth agrees with the other view's depth.
     pub(super) fn agreement(&self) -> f64 {
         self.agreeing as f64 / self.samples.max(1) as f64
+    }
+
+    /// Mean squared difference of colours between the places where samples land and places beside them.
+    pub(super) fn texture(&self) -> f64 {
+        self.texture.1 / self.texture.0.max(1) as f64
     }
 
     /// Root mean square difference of colours, in levels; `None` if no colours were compared.

@@ -7,7 +7,7 @@ use super::advice::{self, Units};
 use super::change::{Better, Change, Focal};
 use super::compare::{
     MIN_GAIN, MIN_GAIN_OF_FACTORS, agrees, fits_well, forward, is_better, is_better_by, is_needed,
-    is_refuted, is_suspicious, landed, mean_loss,
+    is_plain, is_refuted, is_suspicious, landed, mean_loss,
 };
 use super::convention::alternatives;
 use super::explained::{DepthIs, Explained, Reading};
@@ -146,6 +146,7 @@ impl Neighbours<'_> {
         let is_candidate = |(change, other): &(Change, Vec<Explained>)| {
             is_better_by(&as_read, other, change.least_gain())
                 && !is_refuted(&as_read, other)
+                && !(matches!(change, Change::Flipped(..)) && is_plain(&as_read, other))
                 && is_needed(&as_read, other, change.shows_in_colours())
                 && still
                     .as_ref()

@@ -272,6 +272,9 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             *text += &units.inverted_masks(share);
         }
     }
+    if contradictions.is_empty() {
+        contradictions.extend(plausible::depth_outside_masks(&scene.views, effort, units));
+    }
     if !effort.thorough {
         contradictions.extend(neighbours.as_ref().and_then(Neighbours::blank));
     }

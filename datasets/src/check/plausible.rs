@@ -5,8 +5,10 @@ use std::ops::RangeInclusive;
 use glam::DVec3;
 use sharp::camera::{Intrinsics, baseline_m};
 
+use super::Effort;
 use super::advice::{DEPTHS_M, Units, number};
 use crate::View;
+use crate::view::evenly_spaced;
 
 /// Plausible focal lengths, in widths of the picture.
 pub(super) const FOCAL_WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
@@ -17,6 +19,11 @@ const OFF_CENTRE: f64 = 0.245;
 /// A principal point counts as centred if it is within this distance of the centre, in widths and heights of the
 /// picture.
 const MIDDLE: f64 = 0.03;
+
+/// Depth is compared with masks only if at least this share of a depth map is known.
+const MIN_WITH_DEPTH: f64 = 0.02;
+/// Masks exclude nearly all depth if they keep at most this share of it.
+const MAX_KEPT: f64 = 0.05;
 
 /// Detects principal points that are centred only if x and y are swapped, in all views. The
 /// principal point of one crop may have this property by chance, but not those of several different
@@ -73,6 +80,36 @@ pub(super) fn are_of_other_size(views: &[View]) -> bool {
     views
         .iter()
         .all(|view| calibrated_for(&view.intrinsics).is_some())
+}
+
+/// Reports masks that exclude nearly all pixels with depth, which objects have and backgrounds have not.
+pub(super) fn depth_outside_masks(views: &[View], effort: Effort, units: Units) -> Option<String> {
+    let masked = views.iter().filter(|view| view.content.processing().masked);
+    let masked: Vec<&View> = masked.collect();
+    let shares = evenly_spaced(masked.len(), effort.pairs).into_iter();
+    let shares: Vec<[f64; 2]> = shares
+        .filter_map(|i| {
+            let content = &masked[i].content;
+            let share = |valid: usize, all: usize| valid as f64 / all.max(1) as f64;
+            let stored = content.stored_depth().ok()??.1;
+            let known = stored.iter().filter(|z| **z > 0.0 && z.is_finite());
+            let known = known.count();
+            let depth = content.depth().ok()??;
+            let kept = depth.iter().filter(|z| **z > 0.0).count();
+            let mask = content.valid_pixels().ok()??;
+            let excluded = mask.iter().filter(|value| **value == 0).count();
+            let (known, kept) = (share(known, stored.len()), share(kept, depth.len()));
+            (known >= MIN_WITH_DEPTH).then(|| [kept / known, share(excluded, mask.len())])
+        })
+        .collect();
+    let mean = |part: usize| shares.iter().map(|of| of[part]).sum::<f64>() / shares.len() as f64;
+    (mean(0) <= MAX_KEPT).then(|| {
+        format!(
+            "the masks exclude {:.1} % of the pixels that have depth{}",
+            100.0 * (1.0 - mean(0)),
+            units.inverted_masks(mean(1))
+        )
+    })
 }
 
 /// Implausible cameras: for each kind of error, a sentence with the first such camera. `is_centre_right` says that

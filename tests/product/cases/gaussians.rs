@@ -507,7 +507,7 @@ fn a_network_that_predicts_poorly_stays_silent_and_its_files_misread_are_named()
         ("shift=-1.28:1.32,colors=dc-uncentered", Some("`colors=dc`")),
     ] {
         let said = case.run(&format!(
-            "sharp-bench run -q --dataset {data} --limit 4 --method gaussians:dir=g,{setting} --metrics psnr --out r"
+            "sharp-bench run -q --dataset {data} --limit 1 --method gaussians:dir=g,{setting} --metrics psnr --out r"
         ));
         assert_eq!(said.code, 0, "{}", said.err);
         let warnings: Vec<&str> = said

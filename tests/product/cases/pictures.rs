@@ -463,7 +463,7 @@ fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_
 #[test]
 fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
     let case = empty();
-    let data = "synthetic=size=160x120,views=6";
+    let data = "synthetic=size=160x120,views=5";
     let run = |method: &str, out: &str| {
         case.run(&format!(
             "sharp-bench run -q --dataset {data} --method {method} --metrics psnr --out {out}"

@@ -97,8 +97,8 @@ pub(super) fn depth_doubt(
     is_unit.then(|| {
         let factor = (-middle).exp();
         let text = format!(
-            "its Gaussians are {factor:.3} times as far away as the dataset's depth ({id}); use `scale={}`, or \
-             `depth=privileged` if each source has its own unit",
+            "its Gaussians are {factor:.3} times as far away as the dataset's depth ({id}); if the dataset's unit is right, use \
+             `scale={}`, or `depth=privileged` if each source has its own unit",
             rounded(scale / factor)
         );
         (Some(factor), text)

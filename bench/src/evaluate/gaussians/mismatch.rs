@@ -21,6 +21,9 @@ const MIN_WIDER_GAIN_DB: f64 = 6.0;
 const MIN_WIDTHS_GAIN_DB: f64 = 1.0;
 /// Wider Gaussians are tried only if at most this many cover a pixel on average.
 const MAX_LAYERS: f64 = 300.0;
+/// Narrower Gaussians are tried only if their areas (see [`Trial::overlap`]) still add up to at least this share of the
+/// picture.
+const MIN_OVERLAP: f64 = 0.5;
 /// Minimum angle of the rotations that are tried, in degrees.
 const MIN_TURN_DEG: f64 = 3.0;
 
@@ -72,6 +75,10 @@ impl Trial<'_> {
             }
             let other = with_widths(gaussians, factor);
             if factor > 1.0 && Seen::of(&other, map, &self.source.intrinsics).layers > MAX_LAYERS {
+                break;
+            }
+            // Narrower Gaussians that no longer cover the picture copy its noise.
+            if factor < 1.0 && self.overlap(&other, reading.placement) < MIN_OVERLAP {
                 break;
             }
             let least = if factor < 1.0 {

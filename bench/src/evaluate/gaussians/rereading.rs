@@ -11,7 +11,6 @@ use sharp::ply::{
     ColorSpace, Harmonics, StoredChannels, StoredColors, StoredOpacity, StoredQuaternions,
     StoredScales,
 };
-use sharp::random::mix;
 use sharp::render::{PrincipalPoint, RenderError, RenderOutput, RenderView, Rule};
 
 use super::footprint::{MIN_HOLES, mean_area};
@@ -49,6 +48,10 @@ const SMALL_ZOOM: f64 = 0.05;
 /// A small change of the focal length is accepted only if it gains at least this, in dB, and the rendering has no holes,
 /// which an enlargement narrows.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
+/// Gaussians are spread over the photograph only if they take up at least this share of its sides.
+const MIN_SPREAD: f64 = 0.1;
+/// Gaussians are spread over the photograph only if their extent grows by at least this factor.
+const MIN_SPREADING: f64 = 1.3;
 /// Standard deviations may be base-10 logarithms only if more than this many Gaussians cover a pixel on average.
 const WIDE_LAYERS: f64 = 500.0;
 /// A view counts as wholly shown if Gaussians cover at least this share of it.
@@ -175,6 +178,61 @@ impl Trial<'_> {
         mean_area(&gaussians.subset(&seen.members), &view)
     }
 
+    /// The factors of the focal length and the shift, in pixels to the right and down, that spread the centres of the
+    /// `gaussians` over the whole photograph; `None` unless they all lie in a part of it, as if they had been placed on a
+    /// grid of another size than the intrinsics'.
+    pub(in crate::evaluate) fn spread(
+        &self,
+        gaussians: &Gaussians,
+        camera_from_file: DAffine3,
+    ) -> Option<[[f64; 2]; 2]> {
+        let k = self.source.intrinsics;
+        let centres = gaussians.means.iter().filter_map(|mean| {
+            let p = camera_from_file.transform_point3(DVec3::from(mean.map(f64::from)));
+            (p.z > 0.0).then_some([k.fx * p.x / p.z, k.fy * p.y / p.z])
+        });
+        let centres: Vec<[f64; 2]> = centres.collect();
+        let principal = self.principal_point_of_rule();
+        let sides = [f64::from(k.width), f64::from(k.height)];
+        let [across, down] = [0, 1].map(|axis| {
+            let mut along: Vec<f64> = centres.iter().map(|centre| centre[axis]).collect();
+            along.sort_by(f64::total_cmp);
+            let beyond = along.len() / 1000;
+            let ends = along.get(beyond).zip(along.iter().rev().nth(beyond));
+            let (low, high) = ends.map(|(low, high)| (*low, *high))?;
+            let extent = (high - low) / sides[axis];
+            let is_inside = low + principal[axis] > -0.05 * sides[axis]
+                && high + principal[axis] < 1.05 * sides[axis];
+            // The outermost centres are half a step of the grid inside of it.
+            (is_inside && extent > MIN_SPREAD).then(|| {
+                let zoom = 1.0 / (extent * 1.002);
+                (zoom, -zoom * low - principal[axis])
+            })
+        });
+        let ((x, right), (y, bottom)) = (across?, down?);
+        (x.max(y) >= MIN_SPREADING).then_some([[x, y], [right, bottom]])
+    }
+
+    /// How many of the `gaussians` cover a pixel of this part of the picture on average. A Gaussian covers an ellipse of √2
+    /// standard deviations, whose area is its integral.
+    pub(super) fn overlap(&self, gaussians: &Gaussians, placement: Placement) -> f64 {
+        let map = placement.camera_from_file(self.source);
+        let k = self.intrinsics();
+        let is_inside = |mean: &[f32; 3]| {
+            let p = map.transform_point3(DVec3::from(mean.map(f64::from)));
+            let [x, y] = [k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy];
+            let (width, height) = (f64::from(k.width), f64::from(k.height));
+            p.z > 0.0 && (0.0..width).contains(&x) && (0.0..height).contains(&y)
+        };
+        let inside = (0..gaussians.len()).filter(|at| is_inside(&gaussians.means[*at]));
+        let inside: Vec<usize> = inside.collect();
+        let mut view = RenderView::new(map, k);
+        view.rule = self.rule.unwrap_or(view.rule);
+        view.rule.low_pass = 0.0;
+        let area = mean_area(&gaussians.subset(&inside), &view);
+        std::f64::consts::TAU * area * inside.len() as f64 / f64::from(k.width * k.height)
+    }
+
     /// Compares [`Trial::rendered`] with this trial's part of the photograph.
     pub(in crate::evaluate) fn fit(
         &self,
@@ -226,13 +284,10 @@ impl Trial<'_> {
         gaussians: &Gaussians,
         camera_from_file: DAffine3,
     ) -> Result<Option<RenderOutput>, RenderError> {
-        let mut seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
+        let seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
         if seen.members.is_empty() || seen.layers > MAX_LAYERS {
             return Ok(None);
         }
-        // At equal depth, earlier Gaussians cover later ones. In the order of a file, this would shift the whole
-        // picture, so the order is shuffled.
-        seen.members.sort_by_key(|&k| mix(k as u64));
         let seen = gaussians.subset(&seen.members);
         // The part's centre is not the principal point, so the rule must not assume that it is.
         let (intrinsics, rule) = (self.intrinsics(), self.rule.map(general));
@@ -472,6 +527,8 @@ impl Trial<'_> {
 pub(in crate::evaluate) struct Moves {
     pub(in crate::evaluate) aside: [f64; 2],
     pub(in crate::evaluate) zooms: Vec<[f64; 2]>,
+    /// Factors and shift that spread the Gaussians over the whole photograph ([`Trial::spread`]).
+    pub(in crate::evaluate) spread: Option<[[f64; 2]; 2]>,
 }
 
 /// Placements to try: other spaces and axes, a world in other units, the inverse of `transform=`, shifts, and other
@@ -511,6 +568,11 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
         shift: [0, 1].map(|axis| rounded(current.shift[axis] + moves.aside[axis])),
         ..current
     });
+    all.extend(moves.spread.map(|[zoom, aside]| Placement {
+        focal: [0, 1].map(|axis| rounded(current.focal[axis] * zoom[axis])),
+        shift: [0, 1].map(|axis| rounded(zoom[axis] * current.shift[axis] + aside[axis])),
+        ..current
+    }));
     all.extend(moves.zooms.iter().map(|zoom| Placement {
         focal: [0, 1].map(|axis| rounded(current.focal[axis] * zoom[axis])),
         ..current

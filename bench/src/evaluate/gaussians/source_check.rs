@@ -13,6 +13,7 @@ use image::RgbImage;
 use sharp::color::{Quantization, linear_from_srgb};
 use sharp::gaussians::Gaussians;
 use sharp::ply::{ColorSpace, StoredForm, StoredScales, check_stored};
+use sharp::random::mix;
 use sharp::render::{Background, RenderError};
 use sharp_datasets::{DepthMap, Scene};
 use sharp_metrics::{Mask, Picture, psnr};
@@ -153,6 +154,11 @@ pub(in crate::evaluate) fn check_source(
     else {
         return Ok(facts);
     };
+    let is_tried = source.is_chosen && photograph.pixels().len() >= FEWEST_PIXELS;
+    if !is_tried && prediction.warnings.is_empty() {
+        return Ok(facts);
+    }
+    let prediction = &shuffled(prediction);
     let mut trial = Trial {
         source: camera,
         photograph,
@@ -161,7 +167,6 @@ pub(in crate::evaluate) fn check_source(
         renderer,
         rule: prediction.rule,
     };
-    let is_tried = source.is_chosen && photograph.pixels().len() >= FEWEST_PIXELS;
     let moved = Trial {
         moved: [0.5; 2],
         ..trial
@@ -205,6 +210,21 @@ pub(in crate::evaluate) fn check_source(
         )?;
     }
     Ok(facts)
+}
+
+/// The prediction with its Gaussians in random order, for comparisons. At equal depth, earlier Gaussians cover later
+/// ones, which would shift the whole picture in the order of a file.
+fn shuffled(prediction: &GaussianPrediction) -> GaussianPrediction {
+    let mut order: Vec<usize> = (0..prediction.gaussians.len()).collect();
+    order.sort_by_cached_key(|&k| mix(k as u64));
+    GaussianPrediction {
+        gaussians: prediction.gaussians.subset(&order),
+        rule: prediction.rule,
+        space: prediction.space,
+        reading: prediction.reading,
+        warnings: prediction.warnings.clone(),
+        ..GaussianPrediction::default()
+    }
 }
 
 /// Names (`dataset/scene/source`) of the sources for which other readings are tried: the first,
@@ -314,6 +334,7 @@ impl<'a> Findings<'a> {
             let moves = Moves {
                 aside: trial.flat_shift(gaussians, own)?,
                 zooms: zooms.collect(),
+                spread: trial.spread(gaussians, own),
             };
             let best =
                 trial.best_reading(gaussians, reading, &compared, elsewhere, &moves, is_lost)?;

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::finding::{Framing, PictureChange, ShownCamera, ShownTarget};
 use super::group::{Extent, PictureGroup};
 use super::sample::FEWEST;
-use super::shift::shifted_pictures;
+use super::shift::{far_shifted_pictures, shifted_pictures};
 use crate::evaluate::record::Record;
 
 /// A wrong camera is reported only if at least this share of the pictures with a measured camera agree on it.
@@ -66,12 +66,19 @@ pub(crate) fn misplaced_pictures(group: &PictureGroup<'_, &Record>) -> Option<St
     if 4 * moving.count() >= shown.values().sum() {
         shown.remove(&ShownTarget::SourceView);
     }
-    match wrong_camera_of(group) {
+    let far_shift = far_shifted_pictures(group);
+    // These poses also move content across epipolar lines, but not alike in all pictures.
+    let is_shifted = |camera: &ShownCamera| {
+        matches!(camera, ShownCamera::NoRotation | ShownCamera::Reversed(_)) && far_shift.is_some()
+    };
+    match wrong_camera_of(group).filter(|(camera, ..)| !is_shifted(camera)) {
         Some((camera, count, all)) => Some(format!(
             "its pictures {} ({count} of the {all} {pairs} whose motion could be measured agree)",
             camera.text()
         )),
-        None => misplaced(&shown, &pairs, group.extent).or_else(|| shifted_pictures(group)),
+        None => misplaced(&shown, &pairs, group.extent)
+            .or(far_shift)
+            .or_else(|| shifted_pictures(group)),
     }
 }
 

@@ -6,6 +6,7 @@
 //! its pictures of a stereo dataset are shifted alike. Scores do not depend on this check.
 
 use std::collections::HashSet;
+use std::iter::zip;
 
 use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotate270, thumbnail};
 use image::{GenericImageView, Rgb, RgbImage};
@@ -22,6 +23,10 @@ use crate::evaluate::gaussians::likeness::Likeness;
 use crate::evaluate::record::Record;
 use crate::scoring::Region;
 
+/// The photograph has a white or black background if at least this share of its pixels are white or black.
+const MIN_BACKGROUND: f64 = 0.15;
+/// The picture has another background if at least this share of the background's pixels have the opposite colour.
+const MIN_OTHER: f64 = 0.7;
 /// Maximum width compared, in pixels.
 const WIDTH: u32 = 160;
 /// A mirroring or rotation is reported only if undoing it brings the picture closer to its photograph by at least this,
@@ -139,6 +144,9 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     if is_normalised(&seen, &shown) {
         return Some(PictureChange::Normalised);
     }
+    if has_other_background(&seen, &shown) {
+        return Some(PictureChange::OtherBackground);
+    }
     let undone = undone_change(&seen, &shown, ends(picture), photograph.dimensions());
     let wrapped = || is_wrapped(photograph, picture).then_some(PictureChange::Wrapped);
     let stretched = || stretching(photograph, &seen, &shown, picture).map(PictureChange::Stretched);
@@ -150,6 +158,35 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     };
     let found = undone.or_else(wrapped).or_else(placed).or_else(stretched);
     found.or_else(normalised)
+}
+
+/// Whether the photograph's background is white and the picture's black, or the other way round, while the rest of the
+/// picture is no negative.
+fn has_other_background(seen: &RgbImage, shown: &RgbImage) -> bool {
+    let is_white = |pixel: &Rgb<u8>| pixel.0.iter().all(|level| *level >= 250);
+    let is_black = |pixel: &Rgb<u8>| pixel.0.iter().all(|level| *level <= 5);
+    let others = |seen_is: &dyn Fn(&Rgb<u8>) -> bool, shown_is: &dyn Fn(&Rgb<u8>) -> bool| {
+        let behind = zip(seen.pixels(), shown.pixels()).filter(|(seen, _)| seen_is(seen));
+        let (mut count, mut other) = (0, 0);
+        for (_, shown) in behind {
+            count += 1;
+            other += usize::from(shown_is(shown));
+        }
+        let is_background = count as f64 >= MIN_BACKGROUND * seen.pixels().len() as f64;
+        (is_background && other as f64 >= MIN_OTHER * count as f64).then(|| {
+            let error = |of: &dyn Fn(u8) -> u8| -> u64 {
+                let rest = zip(seen.pixels(), shown.pixels());
+                let rest = rest.filter(|(seen, shown)| !seen_is(seen) && !shown_is(shown));
+                let levels = rest.flat_map(|(seen, shown)| zip(seen.0, shown.0));
+                levels
+                    .map(|(a, b)| u64::from(a.abs_diff(of(b))).pow(2))
+                    .sum()
+            };
+            error(&|level| level) < error(&|level| 255 - level)
+        })
+    };
+    let found = others(&is_white, &is_black).or_else(|| others(&is_black, &is_white));
+    found.unwrap_or(false)
 }
 
 /// Whether normalising the photograph by ImageNet's mean and standard deviation brings it significantly closer to the
@@ -424,6 +461,28 @@ mod tests {
             }),
         ] {
             assert_eq!(told(&done(&proper)), Some(name));
+        }
+    }
+
+    #[test]
+    fn another_background_is_no_negative() {
+        let on = |background: u8, of: &RgbImage| {
+            RgbImage::from_fn(of.width(), of.height(), |x, y| {
+                if 3 * x < of.width() || 5 * y < of.height() {
+                    Rgb([background; 3])
+                } else {
+                    *of.get_pixel(x, y)
+                }
+            })
+        };
+        let (truth, proper) = (picture(0.0, 0), picture(1.0, 1));
+        for [seen, shown] in [[255, 0], [0, 255]] {
+            let found = likely_change(&on(seen, &truth), &on(shown, &proper));
+            assert_eq!(found, Some(PictureChange::OtherBackground));
+            let negative = inverted(&on(seen, &proper));
+            let found = likely_change(&on(seen, &truth), &negative);
+            assert_eq!(found, Some(PictureChange::Negative));
+            assert_eq!(likely_change(&on(seen, &truth), &on(seen, &proper)), None);
         }
     }
 

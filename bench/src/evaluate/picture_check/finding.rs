@@ -51,6 +51,10 @@ worded! {
         LimitedRange =
             "have the limited range of video, 16 to 235, but were read as 0 to 255; store them with the full range",
         Negative = "are negatives",
+        /// Where the photograph is white, the picture is black, or the other way round; the rest is alike.
+        OtherBackground =
+            "have a black background where the photographs' is white, or a white one where it is black; render them \
+             with the photographs' background",
         /// Red and blue are swapped.
         Bgr = "have red and blue swapped",
         Grb = "have red and green swapped",

@@ -9,6 +9,7 @@ use image::{Rgb, RgbImage};
 use sharp::camera::Intrinsics;
 
 use super::finding::Framing;
+use super::measures::ShiftEquations;
 use super::motion::{HALF, MIN_CONTRAST, correlation, patch};
 
 /// Number of blocks across and down.
@@ -50,27 +51,65 @@ const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
 /// Distances from the epipolar lines are limited to this, in pixels, so that outliers do not dominate.
 const MAX_DISTANCE: f64 = 3.0;
 
-/// Measures how the picture `shown` frames its target; `None` if the framing is correct or cannot be measured. Both are
-/// shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is that of the pose from the
-/// source's camera to the target's. If the content moves as in the target (`is_moving`), large zooms, at which hardly
-/// any block is found, are not tried.
-pub(super) fn shown_framing(
-    intrinsics: Intrinsics,
-    translation: DVec3,
-    [target, shown]: [&RgbImage; 2],
+/// Where the blocks of a target are in a picture of it.
+pub(super) struct DisplacedBlocks<'a> {
+    view: FramedTarget<'a>,
+    shown: &'a RgbImage,
+    as_read: Measured,
+}
+
+impl<'a> DisplacedBlocks<'a> {
+    /// Finds the target's blocks in the picture `shown`. Both are shrunk to the same size; `intrinsics` are the target's at
+    /// full size, and `translation` is that of the pose from the source's camera to the target's.
+    pub(super) fn of(
+        intrinsics: Intrinsics,
+        translation: DVec3,
+        [target, shown]: [&'a RgbImage; 2],
+    ) -> Self {
+        let (width, height) = target.dimensions();
+        let camera = intrinsics.resized(width, height);
+        let view = FramedTarget {
+            focal: DVec2::new(camera.fx, camera.fy),
+            middle: DVec2::new(camera.cx, camera.cy),
+            half: f64::from(width) / 2.0,
+            translation,
+            blocks: blocks_of(target),
+            target,
+        };
+        let as_read = view.measured(shown, 1.0);
+        Self {
+            view,
+            shown,
+            as_read,
+        }
+    }
+
+    /// The equations of the picture's shift in thousandths of its width; `None` if too few blocks are found.
+    pub(super) fn shift(&self) -> Option<ShiftEquations> {
+        self.as_read.fit?;
+        let scale = 1000.0 / (2.0 * self.view.half);
+        let lines = &self.as_read.lines;
+        let sums = lines.iter().fold([0.0; 6], |sums, (row, off)| {
+            let (x, y, off) = (row.z, row.w, scale * off);
+            let own = [x * x, x * y, y * y, off * x, off * y, off * off];
+            std::array::from_fn(|k| sums[k] + own[k])
+        });
+        Some(sums.map(|sum| (sum / lines.len() as f64) as f32))
+    }
+
+    /// How the picture frames its target; `None` if the framing is correct or cannot be measured. If the content moves
+    /// as in the target (`is_moving`), large zooms, at which hardly any block is found, are not tried.
+    pub(super) fn framing(self, is_moving: bool) -> Option<Framing> {
+        shown_framing(&self.view, self.shown, self.as_read, is_moving)
+    }
+}
+
+fn shown_framing(
+    view: &FramedTarget<'_>,
+    shown: &RgbImage,
+    mut best: Measured,
     is_moving: bool,
 ) -> Option<Framing> {
-    let (width, height) = target.dimensions();
-    let camera = intrinsics.resized(width, height);
-    let view = FramedTarget {
-        focal: DVec2::new(camera.fx, camera.fy),
-        middle: DVec2::new(camera.cx, camera.cy),
-        half: f64::from(width) / 2.0,
-        translation,
-        blocks: blocks_of(target),
-        target,
-    };
-    let mut best = view.measured(shown, 1.0);
     let as_read = best.fit.filter(|fit| view.is_clear(&best.lines, *fit));
     if let Some(k1) = view.lens(&best, as_read) {
         let framing = Framing {
@@ -339,7 +378,7 @@ mod tests {
                 translation: rotation * own.translation,
             };
             let shown = fast_blur(&view(intrinsics, rolled, plane), 0.5);
-            shown_framing(camera(80.0), own.translation, [&target, &shown], false)
+            DisplacedBlocks::of(camera(80.0), own.translation, [&target, &shown]).framing(false)
         })
     }
 
@@ -415,7 +454,8 @@ mod tests {
                 let place = [u / f64::from(width), v / f64::from(height)].map(|v| v as f32);
                 sample_bilinear(&target, place[0], place[1]).unwrap_or(Rgb([0; 3]))
             });
-            let found = shown_framing(camera(80.0), own.translation, [&target, &distorted], true);
+            let both = [&target, &distorted];
+            let found = DisplacedBlocks::of(camera(80.0), own.translation, both).framing(true);
             let found = found.unwrap_or_else(|| panic!("{k1}"));
             assert_eq!((found.zoom, found.roll, found.shift), (1000, 0, [0; 2]));
             let off = f64::from(found.lens) / 1000.0 - k1;

@@ -3,9 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The normal equations of a picture's shift by least squares, divided by the number of edges: the matrix elements xx,
-/// xy and yy, the right-hand side x and y (pixels), and the sum of squared displacements (pixels squared), which is the
-/// error without a shift.
+/// The normal equations of a picture's shift by least squares, divided by the number of displacements: the matrix
+/// elements xx, xy and yy, the right-hand side x and y, and the sum of squared displacements, which is the error without
+/// a shift.
 pub(crate) type ShiftEquations = [f32; 6];
 
 /// A cell's number, row by row, and its mean levels in the picture and in the target.

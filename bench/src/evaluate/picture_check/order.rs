@@ -13,7 +13,7 @@ use sharp_datasets::View;
 
 use super::change::shrunk;
 use super::finding::{ShownCamera, ShownTarget};
-use super::framing::shown_framing;
+use super::framing::DisplacedBlocks;
 use super::motion::{MeasuredMotion, shown_camera};
 use super::sample::PictureSample;
 use super::shift::shift_equations;
@@ -55,8 +55,8 @@ impl Thumbnails {
     }
 }
 
-/// Sets [`Record::shows`], [`Record::camera`], [`Record::wrong_cells`], [`Record::tone`], [`Record::shift`] and
-/// [`Record::masked`] if the picture is in `sample` and covers the whole target.
+/// Sets [`Record::shows`], [`Record::camera`], [`Record::wrong_cells`], [`Record::tone`], [`Record::shift`],
+/// [`Record::far_shift`] and [`Record::masked`] if the picture is in `sample` and covers the whole target.
 pub(crate) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,
@@ -66,6 +66,7 @@ pub(crate) fn note_order(
 ) {
     (record.shows, record.camera, record.wrong_cells) = (None, None, None);
     (record.tone, record.shift, record.masked) = (None, None, None);
+    record.far_shift = None;
     if record.crop.is_some() {
         return;
     }
@@ -104,12 +105,12 @@ pub(crate) fn note_order(
     // A zoom resembles a reversed motion along the optical axis.
     let is_certain =
         |camera: &ShownCamera| camera.is_wrong() && *camera != ShownCamera::Reversed(2);
-    let camera = moved.filter(is_certain).or_else(|| {
-        let translation = target_from_source.translation;
-        let (intrinsics, both) = (planned.target.intrinsics, [&seen, &shown]);
-        let framing = shown_framing(intrinsics, translation, both, moved.is_some());
-        framing.map(ShownCamera::Reframed).or(moved)
-    });
+    let translation = target_from_source.translation;
+    let (intrinsics, both) = (planned.target.intrinsics, [&seen, &shown]);
+    let blocks = DisplacedBlocks::of(intrinsics, translation, both);
+    record.far_shift = blocks.shift();
+    let framing = || blocks.framing(moved.is_some()).map(ShownCamera::Reframed);
+    let camera = moved.filter(is_certain).or_else(framing).or(moved);
     let shows = shown_target(&seen, &shown, Some(&source), others);
     let gain = || fit(&source, &shown).gain_over(&fit(&seen, &shown));
     (record.shows, record.camera) = reconciled(shows, camera, gain);

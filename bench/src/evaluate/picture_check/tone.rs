@@ -7,6 +7,7 @@
 
 use std::iter::zip;
 
+use glam::{DMat4, DVec4};
 use image::RgbImage;
 use image::imageops::thumbnail;
 use sharp::color::{linear_from_srgb, srgb_from_linear};
@@ -42,6 +43,10 @@ const MAX_EXPLAINED_ERROR: f64 = 0.25;
 /// A curve with more parameters is preferred only if it reduces the squared error to at most this fraction of the
 /// simpler curve's.
 const MAX_BETTER_ERROR: f64 = 0.6;
+/// A cubic curve is told only if it reduces the squared error to at most this fraction of the best line's, or if it
+/// raises contrast at least by [`MIN_RAISED_CONTRAST`], which no blurring or hedging method does.
+const MAX_CUBIC_ERROR: f64 = 0.35;
+const MIN_RAISED_CONTRAST: f64 = 1.15;
 /// A difference in exposure between sources and targets is reported only if at least this share of the pictures follow
 /// their sources.
 const MIN_FOLLOWING: f64 = 0.4;
@@ -186,6 +191,8 @@ enum Curve {
     Exposure(f64),
     /// Maps linear light x to x / (1 + x).
     Reinhard,
+    /// A rising cubic polynomial, with its coefficients from the constant one on.
+    Cubic([f64; 4]),
 }
 
 impl Curve {
@@ -205,7 +212,31 @@ impl Curve {
                 let light = linear_from_srgb(level as f32);
                 f64::from(srgb_from_linear(light / (1.0 + light)))
             }
+            Self::Cubic(coefficients) => {
+                let sum = coefficients
+                    .iter()
+                    .rev()
+                    .fold(0.0, |sum, c| sum * level + c);
+                sum.clamp(0.0, 1.0)
+            }
         }
+    }
+
+    /// The cubic polynomial that fits the pairs best by least squares; `None` if it falls anywhere.
+    fn cubic(pairs: &[LevelPair]) -> Option<Self> {
+        let (mut normal, mut sums) = (DMat4::from_diagonal(DVec4::splat(1e-9)), DVec4::ZERO);
+        for (_, from, to) in pairs {
+            let row = DVec4::new(1.0, *from, from * from, from.powi(3));
+            normal += DMat4::from_cols(row.x * row, row.y * row, row.z * row, row.w * row);
+            sums += *to * row;
+        }
+        let curve = Self::Cubic((normal.inverse() * sums).to_array());
+        let levels = pairs.iter().map(|pair| pair.1);
+        let lowest = levels.clone().fold(1.0, f64::min);
+        let highest = levels.fold(0.0, f64::max);
+        let steps = (0..=16).map(|k| lowest + (highest - lowest) * f64::from(k) / 16.0);
+        let levels: Vec<f64> = steps.map(|level| curve.of(0, level)).collect();
+        levels.is_sorted().then_some(curve)
     }
 
     /// Completes the sentence "its pictures".
@@ -221,6 +252,14 @@ impl Curve {
             Self::Reinhard => {
                 return "look like the photographs after Reinhard's tone mapping (x / (1 + x) of linear light)"
                     .to_owned();
+            }
+            Self::Cubic(_) => {
+                let [low, middle, high] =
+                    [64.0, 128.0, 192.0].map(|level| (255.0 * self.of(0, level / 255.0)).round());
+                return format!(
+                    "look as if they had another tone curve, which turns the photographs' levels 64, 128 and 192 into \
+                     {low}, {middle} and {high}, as after filmic tone mapping (ACES, for example)"
+                );
             }
         };
         let most = red.max(green).max(blue);
@@ -275,15 +314,15 @@ fn error(pairs: &[LevelPair], curve: Curve) -> f64 {
     pairs.iter().map(off).sum()
 }
 
-/// Sum of squared differences from the line that fits best.
-fn error_of_line(pairs: &[LevelPair]) -> f64 {
+/// The slope of the line that fits best, and the sum of squared differences from it.
+fn line(pairs: &[LevelPair]) -> (f64, f64) {
     let count = pairs.len().max(1) as f64;
     let mean = |of: fn(&LevelPair) -> f64| pairs.iter().map(of).sum::<f64>() / count;
     let (x, y) = (mean(|pair| pair.1), mean(|pair| pair.2));
     let sum =
         |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|p| of(p.1 - x, p.2 - y)).sum::<f64>();
     let slope = sum(&|x, y| x * y) / sum(&|x, _| x * x).max(1e-9);
-    sum(&|x, y| (y - slope * x).powi(2))
+    (slope, sum(&|x, y| (y - slope * x).powi(2)))
 }
 
 /// The curve with the fewest parameters that explains the pairs of levels; `None` if no curve does.
@@ -327,14 +366,19 @@ fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
     let off = (before / count).sqrt();
     // A method that blurs or hedges loses contrast, but keeps the mean. A line, or a power below 1, describes this.
     let shift = pairs.iter().map(|(_, from, to)| to - from).sum::<f64>() / count;
-    let (line, is_shifted) = (error_of_line(pairs), shift.abs() >= MIN_MEAN_SHARE * off);
+    let is_shifted = shift.abs() >= MIN_MEAN_SHARE * off;
+    let (contrast, line) = line(pairs);
     let is_told = |curve: &Curve| match curve {
         Curve::Power { gamma, .. } if *gamma != 1.0 => {
             is_shifted || *gamma > 1.0 && error(pairs, *curve) <= MAX_BETTER_ERROR * line
         }
+        Curve::Cubic(_) => {
+            contrast >= MIN_RAISED_CONTRAST || error(pairs, *curve) <= MAX_CUBIC_ERROR * line
+        }
         _ => true,
     };
-    let best = curves.into_iter().filter(is_told).reduce(|best, curve| {
+    let curves = curves.into_iter().chain(Curve::cubic(pairs));
+    let best = curves.filter(is_told).reduce(|best, curve| {
         if error(pairs, curve) < MAX_BETTER_ERROR * error(pairs, best) {
             curve
         } else {
@@ -557,7 +601,13 @@ mod tests {
         fn exposed(v: f64) -> f64 {
             f64::from(srgb_from_linear(0.35 * linear_from_srgb(v as f32)))
         }
-        let cases: [(&str, f64, &Change); 8] = [
+        // Narkowicz's approximation of ACES.
+        fn aces(v: f64) -> f64 {
+            let x = f64::from(linear_from_srgb(v as f32));
+            let light = x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14);
+            f64::from(srgb_from_linear(light.min(1.0) as f32))
+        }
+        let cases: [(&str, f64, &Change); 9] = [
             ("another exposure (-1.5", 0.35, &|_, _, _, color| {
                 color.map(exposed)
             }),
@@ -577,6 +627,7 @@ mod tests {
                 color.map(|v| v.powf(1.5))
             }),
             ("Reinhard", 1.0, &|_, _, _, color| color.map(reinhard)),
+            ("filmic", 128.0, &|_, _, _, color| color.map(aces)),
             // The medians of the rings are at 0.76 and 0.06: (1 - 0.45 * 0.76) / (1 - 0.45 * 0.06) = 1 - 0.32.
             ("vignetting", 32.0, &|_, x, y, color| {
                 color.map(|v| v * (1.0 - 0.45 * off(x, y)))

@@ -224,7 +224,7 @@ fn a_wrong_frame_colour_space_or_unit_is_named_and_a_right_one_is_not() {
         ),
         (
             in_millimetres,
-            "times as far away as the dataset's depth (s); use `scale=0.001`",
+            "times as far away as the dataset's depth (s); if the dataset's unit is right, use `scale=0.001`",
         ),
         (in_feet, "use `scale=0.3`"),
         (bgr, "with `channels=bgr`, they"),
@@ -653,6 +653,12 @@ fn means_scaled_without_their_deviations_are_named_by_their_overlap() {
         .iter_mut()
         .for_each(|scale| *scale = scale.map(|s| s / 5.0));
     assert_eq!(said(&noisy, 5.0), "");
+    // Gaussians of 0.7 pixels already cover the picture, so narrower ones would only be mere points.
+    let mut narrow = noisy.clone();
+    for (mean, scales) in narrow.means.iter().zip(&mut narrow.scales) {
+        *scales = [0.2 * mean[2] / source().intrinsics.fx as f32; 3];
+    }
+    assert_eq!(said(&narrow, 3.5), "");
 }
 
 /// A picture in memory.
