@@ -47,6 +47,9 @@ const MAX_BETTER_ERROR: f64 = 0.6;
 /// raises contrast at least by [`MIN_RAISED_CONTRAST`], which no blurring or hedging method does.
 const MAX_CUBIC_ERROR: f64 = 0.35;
 const MIN_RAISED_CONTRAST: f64 = 1.15;
+/// A cubic curve is told only if the root mean square difference that it leaves is at most this, in levels. Poor
+/// predictions with holes differ by more from any curve.
+const MAX_OFF_CUBIC: f64 = 5.0;
 /// A difference in exposure between sources and targets is reported only if at least this share of the pictures follow
 /// their sources.
 const MIN_FOLLOWING: f64 = 0.4;
@@ -373,7 +376,9 @@ fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
             is_shifted || *gamma > 1.0 && error(pairs, *curve) <= MAX_BETTER_ERROR * line
         }
         Curve::Cubic(_) => {
-            contrast >= MIN_RAISED_CONTRAST || error(pairs, *curve) <= MAX_CUBIC_ERROR * line
+            let error = error(pairs, *curve);
+            let is_close = 255.0 * (error / count).sqrt() <= MAX_OFF_CUBIC;
+            is_close && (contrast >= MIN_RAISED_CONTRAST || error <= MAX_CUBIC_ERROR * line)
         }
         _ => true,
     };
