@@ -18,8 +18,8 @@ use crate::{DatasetError, DatasetSpec, DepthMap, files};
 /// Source of a view's depth.
 #[derive(Debug)]
 pub(crate) enum ViewDepth {
-    /// A disparity map of one view of a rectified pair, and the number of pixels per stored unit: 1, or 1/256 in a
-    /// 16-bit PNG.
+    /// A disparity map of one view of a rectified pair, and the number of pixels of disparity per stored unit: 1, or
+    /// 1/256 in a 16-bit PNG.
     Disparity(PathBuf, StereoGeometry, f64),
     /// A map with the geometry of the stored picture.
     Map(PathBuf, DepthEncoding),
@@ -42,8 +42,8 @@ impl ViewDepth {
         }
     }
 
-    /// File and values of a map that stores depth as z or ray length in whole numbers; `None` for
-    /// other depth.
+    /// File and values of a map that stores depth as z or ray length in whole numbers; `None` for depth stored in any
+    /// other way.
     pub(crate) fn stored(
         &self,
         view: &ViewGeometry,
@@ -115,14 +115,14 @@ impl ViewDepth {
     }
 }
 
-/// If negative disparities outnumber positive ones by this factor, the sign is considered inverted.
+/// Ratio of negative to positive disparities above which the sign is considered inverted.
 const MIN_NEGATIVE_RATIO: u64 = 20;
 
-/// If there are this many different negative disparities, they are not marks of invalid pixels.
+/// Minimum number of distinct negative disparities for them to count as values rather than marks of invalid pixels.
 const MIN_DIFFERENT_NEGATIVES: usize = 8;
 
-/// At most one in this many disparities may give depth behind the cameras, which is attributed to
-/// noise.
+/// Reciprocal of the largest fraction of disparities that may give depth behind the cameras. Up to this fraction, such
+/// disparities are attributed to noise.
 const MAX_BEHIND: u64 = 20;
 
 /// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
@@ -159,7 +159,7 @@ impl StereoGeometry {
         let (mut sane, mut strange, mut negative, mut mark) = (0_u64, 0_u64, 0_u64, None);
         let (mut values, mut lowest) = (BTreeSet::new(), 0.0_f32);
         for &d in disparity.as_raw() {
-            // Zero and -1 commonly mark invalid pixels and prove nothing.
+            // Zero and -1 commonly mark invalid pixels, so they are neither sane nor strange.
             let magnitude = f64::from(d.abs());
             if d.is_finite() && (magnitude >= widest || (magnitude > 0.0 && magnitude < 1e-6)) {
                 strange += 1;
@@ -301,8 +301,8 @@ impl DepthEncoding {
     }
 }
 
-/// Maximum ratio of a picture's width to its depth map's. No device stores smaller depth, and a
-/// small map must not cause a huge allocation.
+/// Maximum ratio of a picture's width to its depth map's. No device stores smaller depth maps, and a small map must not
+/// cause a huge allocation.
 const LARGEST_FACTOR: f64 = 64.0;
 /// Maximum ratio of a depth map's width to its picture's.
 const LARGEST_MAP: f64 = 8.0;

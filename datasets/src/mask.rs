@@ -13,7 +13,7 @@ use crate::undistort::Undistortion;
 /// them.
 pub(crate) const WHITE: u8 = 128;
 
-/// The side of a mask that marks valid pixels.
+/// Which pixels of a mask are valid: the white or the black ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Keep {
     White,

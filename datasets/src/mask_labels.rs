@@ -1,16 +1,17 @@
-//! Tells maps of objects or classes from masks.
+//! Distinguishes masks from label maps, whose levels are numbers of objects or classes.
 
 use image::GrayImage;
 
 use crate::left_out::first_few;
 
-/// A level counts as an object's label if at least this fraction of a mask's pixels have it.
+/// Minimum fraction of a picture's pixels that must have a level for the level to count as a label.
 const MIN_LABELLED: f64 = 0.01;
-/// A picture counts as a map of objects if at least this fraction of its grey pixels lie in areas of one level.
+/// Minimum fraction of a label map's grey pixels (levels 1 to 254) that have the level of their left and upper
+/// neighbours.
 const MIN_FLAT: f64 = 0.8;
 
-/// The first few levels of a map of objects or classes, for a message. A picture counts as such a map if it has three
-/// or more levels in uniform areas. `None` for a mask, even if it was blurred or stored as JPEG.
+/// The first few levels of a label map, for a message. A picture counts as a label map if it has three or more levels,
+/// mostly in uniform areas. `None` for a mask, even if it was blurred or stored as JPEG.
 pub(crate) fn labels(mask: &GrayImage) -> Option<String> {
     let (width, height) = mask.dimensions();
     let mut counts = [0_usize; 256];

@@ -25,14 +25,13 @@ const DEEP: usize = 4;
 /// 16-bit pictures are suspected to hold 14-bit values if their brightest level, reduced to 8 bits, is in this range.
 /// Pictures with values of 8 to 12 bits are refused when they are read.
 const UNSCALED: std::ops::RangeInclusive<u8> = 16..=64;
-/// Masks are plausible if they keep at least this fraction of the pixels: most exclude a person, a sky or a logo.
+/// Smallest plausible fraction of pixels that masks keep: most masks exclude only a person, a sky or a logo.
 const MIN_LEFT: f64 = 0.2;
 
-/// Masks are reported if more than this fraction of their pixels are neither black nor white.
+/// Masks are reported if the fraction of their pixels that are neither black nor white exceeds this.
 const MAX_GREY: f64 = 0.005;
 
-/// A note if there are masks next to the pictures that are not read; `hint` explains how to read
-/// these masks.
+/// A note if `folder` has a subfolder of masks, none of which are read; `hint` explains how to read them.
 pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     let folder = ["masks", "mask"]
         .map(|name| folder.join(name))

@@ -33,7 +33,7 @@ impl Setting {
         }
     }
 
-    /// Creates a setting that accepts any value. Values other than `choices` count as known to differ from the paper.
+    /// Creates a setting that accepts any value. Values other than `choices` count as deviations from the paper.
     pub(crate) const fn named(
         key: &'static str,
         meaning: &'static str,

@@ -95,8 +95,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     spec.conclude(found, expected, categories.unsearched)
 }
 
-/// Ids and folders of a category's scenes; instead of a folder, an error for a listed name that is
-/// not a scene's.
+/// Ids of a category's scenes, each with the scene's folder, or with an error if that folder does not exist.
 type Folders = Vec<(String, Result<PathBuf, DatasetError>)>;
 
 /// Folders of the scenes that the category's list names, in natural order.

@@ -6,10 +6,10 @@ use super::small_view::{Grey, Sample};
 const RADIUS: u32 = 3;
 /// Maximum number of blocks examined; of these, only blocks with enough contrast are compared.
 const MAX_BLOCKS: usize = 1500;
-/// Blocks are compared only if their standard deviation is at least this, in levels.
+/// Minimum standard deviation of a block's levels; blocks with less contrast are not compared.
 const MIN_CONTRAST: f32 = 8.0;
-/// A block's best match confirms its disparity if their distance is at most this, in reduced
-/// pixels.
+/// Maximum distance, in reduced pixels, between a block's best match and its disparity for the match to confirm the
+/// disparity.
 const MAX_OFF: f64 = 1.0;
 /// A pair is judged only if at least this many blocks were compared.
 const MIN_BLOCKS: usize = 200;

@@ -14,13 +14,14 @@ const TOLERANCE_PX: f64 = 1.0;
 /// Additional tolerance on both sides, as a fraction of the stated range.
 const TOLERANCE_SHARE: f64 = 0.02;
 
-/// Sizes of shrunk pictures, relative to the originals, whose range may still be stated: nothing is computed from it.
+/// Sizes of shrunk pictures relative to the originals. Their `calib.txt` may still state the originals' range, which is
+/// harmless, because nothing is computed from it.
 const SHRUNK: [f64; 3] = [0.5, 0.25, 0.125];
-/// The principal point of a calibration for another picture size is outside this part of the picture's width.
+/// Range of the principal point, in widths of the picture; a calibration for another picture size is outside it.
 const CENTRAL: RangeInclusive<f64> = 0.3..=0.7;
 
-/// Reports `disparities` (in pixels) that contradict the range that Middlebury's `calib.txt` states, unless only the
-/// range is that of the larger picture.
+/// Reports `disparities` (in pixels) that are outside the range stated by Middlebury's `calib.txt`. A shrunk picture
+/// whose file still states the original's range is accepted.
 pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
     let file = left.camera_file("calib.txt")?;
     let calibration = files::parse_text(&file, calib::parse).ok()?;

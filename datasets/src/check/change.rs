@@ -52,9 +52,8 @@ pub(super) enum Change {
     Registered(Registration),
     /// Pictures or depth maps are flipped; holds a description of the direction.
     Flipped(Part, &'static str),
-    /// Pictures fit better if their EXIF orientation is applied where the reader ignored it, or
-    /// ignored where it applied it; holds the setting that selects this. Pictures have the camera's
-    /// size in both cases.
+    /// Pictures fit better with the other treatment of their EXIF orientation: applied instead of ignored, or the
+    /// reverse. Holds the setting that selects this treatment. Pictures have the camera's size in both cases.
     Turned(&'static str),
 }
 

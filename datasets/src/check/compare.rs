@@ -22,10 +22,10 @@ pub(super) const MIN_ERRORS: f64 = 3.0;
 pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;
 /// Replaces [`MIN_ERRORS`] for lens distortion.
 pub(super) const MIN_ERRORS_OF_LENSES: f64 = 4.0;
-/// An interpretation explains the views well if the mean loss is at most this.
+/// Maximum mean loss of an interpretation that explains the views well.
 const MAX_LEFT: f64 = 0.45;
-/// Views are suspicious, and more interpretations are tried, if the mean loss of the reader's
-/// interpretation is at least this.
+/// Minimum mean loss of the reader's interpretation that makes the views suspicious; more interpretations are then
+/// tried.
 const SUSPICIOUS: f64 = 0.25;
 /// Depth agrees overall if at least this fraction of the depths agree. Valid data reach it even with coarse pixels and
 /// slanted surfaces.
@@ -33,20 +33,18 @@ const MOSTLY_AGREEING: f64 = 0.8;
 /// Depths agree under the reader's interpretation if at least this fraction of them agree, as in
 /// valid data with little motion.
 const AGREEING: f64 = 0.9;
-/// If at least [`AGREEING`] of the depths already agree under the reader's interpretation, a change
-/// is needed only if it raises that fraction by at least this much, or if the colours require it
-/// ([`NEARER_COLOURS`]).
+/// Smallest increase in the fraction of agreeing depths that makes a change necessary although at least [`AGREEING`] of
+/// them agree already. Colours alone may also make a change necessary ([`NEARER_COLOURS`]).
 const MORE_AGREEING: f64 = 0.03;
-/// If colours alone may justify a change, they do so only if the change reduces colour differences
-/// to this fraction or less.
+/// Largest fraction of the colour differences that may remain after a change that colours alone justify.
 const NEARER_COLOURS: f64 = 0.9;
 /// A tile of a picture is judged only if at least this many samples lie in it.
 const ENOUGH_IN_TILE: usize = 8;
 /// An interpretation is refuted if it increases colour differences by more than this factor, even if depth agrees
 /// better.
 const WORSE_COLOURS: f64 = 1.02;
-/// The places that an interpretation compares lack texture if it is less than this share of that under the reader's
-/// interpretation.
+/// Minimum texture of the places that an interpretation compares, as a fraction of the texture of those compared under
+/// the reader's interpretation.
 const MIN_TEXTURE: f64 = 0.2;
 
 /// Sum over the projections of each view into the next one. Projections in the opposite direction are left out.

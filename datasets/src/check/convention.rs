@@ -27,7 +27,7 @@ pub(super) const CONVENTIONS: [Convention; 4] = [
         RigidTransform::inverse,
     ),
     of("OpenGL's and OpenCV's camera axes swapped", flip),
-    // The camera axes are changed after the swap. Changed before it, they would be axes of the world.
+    // The camera's axes are changed after the swap. Before the swap, the change would apply to the world's axes.
     of(
         "camera-to-world and world-to-camera swapped, and also OpenGL's and OpenCV's camera axes",
         |pose| flip(&pose.inverse()),

@@ -11,10 +11,10 @@ use super::small_view::Sample;
 
 /// Depth counts as clipped only if at least this fraction of the depths are at the maximum value.
 const MIN_LIMITED: f64 = 0.01;
-/// Depth is judged only if it is known at this many positions or more.
+/// Minimum number of positions with known depth for the depth to be judged.
 const ENOUGH_LIMITED: usize = 100;
-/// A point at the maximum depth in two views contradicts the poses if the depth that these predict
-/// in the other view differs from the maximum by more than this fraction of the maximum.
+/// A point at the maximum depth in two views contradicts the poses if the depth that they predict for it in the second
+/// view differs from the maximum by more than this fraction of the maximum.
 const OFF_LIMIT: f64 = 0.002;
 /// Like [`OFF_LIMIT`], in quantisation steps of the depth map at its maximum; the larger of the two
 /// thresholds applies.

@@ -34,8 +34,8 @@ impl DepthIs {
         }
     }
 
-    /// Prepares two overlapping depths for a comparison by ratio: removes a positive offset of [`Self::Short`], which
-    /// would make any two depths similar.
+    /// Prepares two depths of the same place for a comparison by ratio: removes a positive offset of [`Self::Short`],
+    /// which would make any two depths similar.
     fn compared(self, one: f64, other: f64) -> (f64, f64) {
         match self {
             Self::Short(by) if by > 0.0 => (one - by, (other - by).max(0.01 * one)),
@@ -190,8 +190,8 @@ pub(super) struct Explained {
     pub(super) squares: f64,
     /// Sums of squared levels of the `compared` samples, in their own view and in the other view.
     levels: [f64; 2],
-    /// For some of the places in the other view where samples land: their number, and the sum of squared differences of
-    /// their colours from those [`STEP`] to the right.
+    /// For some of the places in the other view where samples land: their number, and the sum of squared colour
+    /// differences between each place and the one [`STEP`] to its right.
     texture: (usize, f64),
 }
 

@@ -34,8 +34,7 @@ const MAX_EXPLAINED_COLOURS: f64 = 0.8;
 /// Colour differences above [`MAX_EXPLAINED_COLOURS`] count as explained only if they are at most
 /// this fraction of the differences under the reader's interpretation.
 const MAX_COLOURS_LEFT: f64 = 0.75;
-/// Colour differences above this multiple of the differences between unrelated places are never
-/// explained.
+/// Colour differences above this multiple of the differences between unrelated places never count as explained.
 const MAX_COLOURS: f64 = 1.0;
 /// If more than this fraction of the loss remains after a change, rounded poses are considered a
 /// likelier cause than the error that the change corrects.
@@ -136,8 +135,8 @@ impl Neighbours<'_> {
         all.extend(self.turned());
         all.extend(self.flipped());
         all.extend(self.registered(&as_read));
-        // If depths agree under the reader's interpretation, another one must also be better than
-        // the assumption of no motion.
+        // If depths agree under the reader's interpretation, a candidate must also be better than the assumption that
+        // the camera did not move.
         let still = Reading {
             scale: 0.0,
             ..Reading::AS_READ
@@ -183,8 +182,7 @@ impl Neighbours<'_> {
         })
     }
 
-    /// Whether depth and colours fit significantly better with the principal points as read than with one in the middle
-    /// of the picture.
+    /// True if depth and colours fit significantly better with the principal points as read than with centred ones.
     pub(super) fn confirm_centre(&self) -> bool {
         let Some(k) = self.views.first().map(|view| view.intrinsics) else {
             return false;
@@ -237,8 +235,8 @@ impl Neighbours<'_> {
         }
     }
 
-    /// False if another interpretation hardly reduces the colour differences and the pictures still
-    /// look unrelated. In that case the change corrects a wrong error, or only one of several.
+    /// False if pictures still look unrelated under another interpretation and their colour differences hardly
+    /// decrease. In that case, the change corrects the wrong quantity, or only one of several.
     fn mends(&self, change: &Change, as_read: &[Explained], other: &[Explained]) -> bool {
         let (before, after) = (self.unexplained(as_read), self.unexplained(other));
         match change {
@@ -259,8 +257,8 @@ impl Neighbours<'_> {
     fn between_planes(&self) -> (Change, Vec<Explained>) {
         let median_m = self.median_depth();
         let short = |factor: f64| (factor - 1.0) * median_m;
-        // `factor`: the offset makes the median depth this many times as large. `scale`: factor of
-        // the translations without an offset.
+        // `factor`: ratio of the median depth with the offset to the median depth without it. `scale`: factor of the
+        // translations if there were no offset.
         let with = |scale: f64, factor: f64| Reading {
             scale: scale * factor,
             depth: DepthIs::Short(short(factor)),

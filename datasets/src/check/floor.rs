@@ -10,8 +10,8 @@ use super::small_view::{WIDEST, ray};
 /// Depth contradicts a pair of views if the median distance of matches from their predicted places is at least this, in
 /// reduced pixels, and few matches are close to these places ([`MAX_CLOSE`]). Consistent scenes have medians below 1.
 const MIN_MISS: f64 = 2.5;
-/// A pair of views whose matches miss by [`MIN_MISS`] has at most this fraction of its matches
-/// within [`CLOSE`] of their predicted places. Consistent scenes have fractions above 0.8.
+/// Maximum fraction of matches within [`CLOSE`] of their predicted places in a pair of views that depth contradicts
+/// ([`MIN_MISS`]). Consistent scenes have fractions above 0.8.
 const MAX_CLOSE: f64 = 0.35;
 /// A match is close to its predicted place if it is within this distance of that place, in reduced
 /// pixels.
@@ -46,7 +46,7 @@ impl Residual {
         }
     }
 
-    /// One for each view with matches. Without depth, none has misses.
+    /// One residual for each view that has matches. Without depth, their `misses` are empty.
     fn all(matches: &Matches<'_>, depth: Option<&Neighbours<'_>>) -> Vec<Self> {
         let mut all: BTreeMap<usize, Self> = BTreeMap::new();
         for (i, a, b) in &matches.matches {
@@ -103,7 +103,7 @@ pub(super) fn contradiction(
     neighbours: Option<&Neighbours<'_>>,
 ) -> Option<String> {
     let residuals = Residual::all(matches, neighbours);
-    // If colours fit, features of repeated patterns may be matched wrongly.
+    // If the colours fit, the features are probably parts of a repeated pattern that were matched wrongly.
     let is_explained = |one: &Residual| neighbours.is_some_and(|all| all.is_explained(one.first));
     let contradicted = residuals.iter().filter(|one| one.is_contradicted());
     let contradicted: Vec<&Residual> = contradicted.filter(|one| !is_explained(one)).collect();

@@ -230,8 +230,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let is_known = overflowed.is_some() || plausible::are_of_other_size(&scene.views);
     contradictions.extend(overflowed);
     contradictions.extend(match (&scene.pairing, &neighbours) {
-        // Either of these errors also makes the following tests fail, so that their failure would
-        // prove nothing.
+        // Both errors also make the following tests fail, so those failures would not reveal anything else.
         _ if is_known => None,
         (Pairing::Stereo { .. }, _) => {
             let (contradiction, said) = stereo::contradictions(&scene.views, effort);

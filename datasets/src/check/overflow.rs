@@ -7,7 +7,7 @@ use crate::view::evenly_spaced;
 
 /// Number of 16-bit values.
 const WRAP: f64 = 65536.0;
-/// Adjacent values may be an overflow if they differ by more than this.
+/// Minimum difference between adjacent values that may be due to an overflow.
 const MIN_JUMP: f64 = WRAP / 2.0;
 /// A surface continues across a jump if restoring the lost bit brings the value after the jump to within about this
 /// relative difference of the value extrapolated from the values before it.

@@ -65,9 +65,9 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
     })
 }
 
-/// Ratio of the picture size for which a camera seems to be calibrated to the camera's own size;
-/// `None` if the camera fits its own size. Another size is assumed if the principal point is far
-/// off the centre by the same factor in both directions.
+/// Size of the pictures for which a camera seems to have been calibrated, divided by the camera's own size. `None` if
+/// the camera fits its own size; it does not if the principal point is far off the centre by the same factor in both
+/// directions.
 fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;
@@ -82,7 +82,8 @@ pub(super) fn are_of_other_size(views: &[View]) -> bool {
         .all(|view| calibrated_for(&view.intrinsics).is_some())
 }
 
-/// Reports masks that exclude nearly all pixels with depth, which objects have and backgrounds have not.
+/// Reports masks that exclude nearly all pixels with depth. Such masks may be inverted: objects usually have depth,
+/// backgrounds often do not.
 pub(super) fn depth_outside_masks(views: &[View], effort: Effort, units: Units) -> Option<String> {
     let masked = views.iter().filter(|view| view.content.processing().masked);
     let masked: Vec<&View> = masked.collect();
@@ -112,7 +113,7 @@ pub(super) fn depth_outside_masks(views: &[View], effort: Effort, units: Units) 
     })
 }
 
-/// Implausible cameras: for each kind of error, a sentence with the first such camera. `is_centre_right` says that
+/// Implausible cameras: for each kind of error, a sentence with the first such camera. `is_centre_right` is true if
 /// depth confirms the principal points.
 pub(super) fn cameras(views: &[View], is_centre_right: bool) -> Vec<String> {
     let off_centre = |view: &View| {

@@ -150,7 +150,8 @@ impl SmallView {
         self.depth == other.depth && self.depth.iter().any(|z| *z != self.depth[0])
     }
 
-    /// Root mean square difference of colours a few pixels apart, in levels; unrelated pictures differ as much.
+    /// Root mean square difference of colours a few pixels apart, in levels: about as much as unrelated pictures
+    /// differ.
     pub(super) fn unrelated_levels(&self) -> f64 {
         let (w, h) = (self.camera.width as usize, self.camera.height as usize);
         let all = (0..w * h).step_by(3);

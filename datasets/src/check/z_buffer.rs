@@ -5,8 +5,8 @@ use super::compare::mean_loss;
 use super::explained::{DepthIs, Explained, Reading};
 use super::neighbours::Neighbours;
 
-/// The value at infinite depth is unknown; it exceeds the largest stored value. This is the smallest relative excess
-/// that is tried.
+/// Smallest value at infinite depth that is tried, as a relative excess over the largest stored value. The true value
+/// is unknown, but exceeds every stored one.
 const MIN_BEYOND: f64 = 0.001;
 /// Number of excesses that are tried, each twice the previous one.
 const DOUBLED: u32 = 9;
@@ -22,7 +22,7 @@ const REFINED: [(i32, f64); 2] = [(4, 1.15), (4, 1.1)];
 const REFINEMENTS: usize = 3;
 
 impl Neighbours<'_> {
-    /// The best-fitting z-buffer, whose near plane is at 1 in its own unit.
+    /// The best-fitting z-buffer, with depths in units of the near plane's distance.
     pub(super) fn z_buffer(&self) -> (Change, Vec<Explained>) {
         let all = self.small.values().flat_map(|(_, samples)| samples);
         let most = all.map(|sample| sample.depth).fold(0.0, f64::max);

@@ -27,7 +27,7 @@ pub struct StereoCalibration {
 /// Parses a `calib.txt`.
 ///
 /// Line endings, a byte order mark, blanks around `=` and the order of the keys are irrelevant; unknown keys are
-/// ignored. `doffs` (then `cx1 − cx0`) and the size may be absent.
+/// ignored. The size may be absent, and so may `doffs`, which is then `cx1 − cx0`.
 ///
 /// # Errors
 /// If a key is missing, is not a finite number, or contradicts another key; names the key.

@@ -59,8 +59,8 @@ fn map_size(shape: &[usize]) -> Result<(u32, u32), FormatError> {
 /// several: `arr_0`, `depth` or `disp`).
 ///
 /// # Errors
-/// If the bytes are not a NumPy file, is an object array (which would require unpickling and is
-/// never read), or has fewer values than its shape requires.
+/// If the bytes are not a NumPy file, contain an object array (which would require unpickling and is never read), or
+/// have fewer values than the shape requires.
 pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     if bytes.starts_with(b"PK") {
         parse_array(&unpacked(bytes, u64::MAX)?)

@@ -115,7 +115,7 @@ impl SunGrid {
     }
 }
 
-/// Objects that may block a lamp from a point: directions from the lamp, on a cube around it.
+/// Objects that may block the light of a lamp from a point, listed by the direction from the lamp on a cube around it.
 #[derive(Debug)]
 pub(super) struct LampCube {
     lamp: DVec3,
@@ -145,7 +145,7 @@ impl LampCube {
         Self { lamp, cells }
     }
 
-    /// Objects that may block the lamp from a point.
+    /// Objects that may block the lamp's light from a point.
     pub(super) fn before(&self, point: DVec3) -> &[u32] {
         let d = point - self.lamp;
         let size = d.abs();

@@ -209,7 +209,7 @@ impl World {
         let depth = |object: &Object| {
             let nearest = -object.shape.reach(-forward) - forward.dot(eye);
             let farthest = object.shape.reach(forward) - forward.dot(eye);
-            // A conservative bound, by far more than rounding.
+            // Widened by far more than rounding errors.
             (nearest - 1e-7, farthest + 1e-7)
         };
         let mut sorted: Vec<(f64, usize)> = (0..)

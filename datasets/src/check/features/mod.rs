@@ -273,7 +273,7 @@ impl<'a> Matches<'a> {
         pose_of: &dyn Fn(usize) -> Option<usize>,
     ) -> Vec<Option<bool>> {
         let pose = |i: usize| Some(take(&self.views.get(pose_of(i)?)?.camera_from_world));
-        // Each pose brings the camera of its own frame, if the pictures have the same size.
+        // A pose is used with the camera of its own frame, provided that both pictures have the same size.
         let camera = |i: usize| {
             let (own, other) = (
                 &self.cameras[&i],

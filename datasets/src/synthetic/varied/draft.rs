@@ -11,8 +11,8 @@ use super::super::rig::Rig;
 use super::super::shapes::{SurfaceShape, turned};
 use super::super::world::{Object, Surface, World};
 
-/// No surface is closer to a camera than 0.3 m. The margin is needed because possible camera
-/// positions are sampled only every few centimetres.
+/// Minimum distance of surfaces from the sampled camera positions, in metres. The positions are only a few centimetres
+/// apart, so no surface is closer than 0.3 m to any possible position.
 const CLEAR_M: f64 = 0.34;
 
 /// Objects, light and lens of a scene under construction. Positions are in a frame that is rotated
