@@ -3,20 +3,19 @@
 
 use super::explained::{ENOUGH, Explained};
 
-/// Another interpretation counts as better only if it removes at least this fraction of the loss.
+/// Minimum fraction of the loss that another interpretation must remove to count as better.
 pub(super) const MIN_GAIN: f64 = 0.1;
 /// Replaces [`MIN_GAIN`] for changes by a factor. This threshold can be lower, because in valid
 /// data hardly any factor fits better than 1.
 pub(super) const MIN_GAIN_OF_FACTORS: f64 = 0.05;
 /// Replaces [`MIN_GAIN`] for changes to some of the views.
 pub(super) const MIN_GAIN_OF_VIEWS: f64 = 0.15;
-/// Another interpretation is judged only if at least this many samples land in other views; fewer
-/// samples prove nothing.
+/// Minimum number of samples that must land in other views for an interpretation to be judged; fewer prove nothing.
 const MIN_LANDED: usize = 500;
-/// Another interpretation counts as better only if it fits better in at least this fraction of the picture tiles.
+/// Minimum fraction of the picture tiles in which another interpretation must fit better to count as better.
 const MIN_SHARE: f64 = 0.75;
-/// Another interpretation counts as better only if the mean improvement over tiles exceeds this many of its standard
-/// errors.
+/// Another interpretation counts as better only if its mean improvement over the tiles exceeds this many standard
+/// errors of that mean.
 pub(super) const MIN_ERRORS: f64 = 3.0;
 /// Replaces [`MIN_GAIN`] for lens distortion; in valid scenes, the gain is 0.003.
 pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;

@@ -9,19 +9,19 @@ use super::explained::TOLERANCE;
 use super::neighbours::Neighbours;
 use super::small_view::Sample;
 
-/// Depth counts as clipped only if at least this fraction of the depths are at the maximum value.
+/// Minimum fraction of depths at the maximum value for depth to count as clipped.
 const MIN_LIMITED: f64 = 0.01;
 /// Minimum number of positions with known depth for the depth to be judged.
 const ENOUGH_LIMITED: usize = 100;
-/// A point at the maximum depth in two views contradicts the poses if the depth that they predict for it in the second
-/// view differs from the maximum by more than this fraction of the maximum.
+/// Relative difference between the maximum depth and the depth that the poses predict, above which a point with the
+/// maximum depth in two views contradicts the poses.
 const OFF_LIMIT: f64 = 0.002;
 /// Like [`OFF_LIMIT`], in quantisation steps of the depth map at its maximum; the larger of the two
 /// thresholds applies.
 const OFF_STEPS: f64 = 2.0;
-/// A map counts as normalised only if its minimum, at the reduced size, is below this.
+/// Upper limit of a normalised map's minimum, at the reduced size.
 const MIN_NORMALISED: f64 = 0.1;
-/// A map counts as normalised only if its maximum, at the reduced size, is at least this.
+/// Lower limit of a normalised map's maximum, at the reduced size.
 const MAX_NORMALISED: f64 = 0.9;
 
 /// Two single-valued maps contradict each other if the relative difference of their depths exceeds this. For other

@@ -36,10 +36,10 @@ const MAX_EXPLAINED_COLOURS: f64 = 0.8;
 const MAX_COLOURS_LEFT: f64 = 0.75;
 /// Colour differences above this multiple of the differences between unrelated places never count as explained.
 const MAX_COLOURS: f64 = 1.0;
-/// If more than this fraction of the loss remains after a change, rounded poses are considered a
-/// likelier cause than the error that the change corrects.
+/// Fraction of the loss remaining after a change above which rounded poses are considered a likelier cause than the
+/// error that the change corrects.
 const MAX_LOSS_LEFT: f64 = 0.75;
-/// A factor of fx or fy alone is large if it is above this, or below the reciprocal of this.
+/// Factors of fx or fy alone are large if they are above this value or below its reciprocal.
 const LARGE_FACTOR: f64 = 1.25;
 /// A large factor of fx or fy alone is accepted only if it reduces colour differences to this fraction or less.
 const MAX_LEFT_BY_LARGE_FACTOR: f64 = 0.6;

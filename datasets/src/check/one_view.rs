@@ -16,7 +16,7 @@ use super::small_view::{FLIPS, Part, Sample, SmallView};
 
 /// A correction counts only if the remaining loss is at most this multiple of the loss between the surrounding views.
 const MAX_LEFT: f64 = 1.5;
-/// A pose is wrong if it is off by more than this, in radians or in median depths; smaller errors are mere imprecision.
+/// Minimum error of a wrong pose, in radians or in median depths; smaller errors are mere imprecision.
 const MIN_OFF: f64 = 0.03;
 /// A view is suspicious if its loss exceeds this multiple of the loss between the surrounding views.
 const MIN_WORSE: f64 = 1.15;

@@ -12,9 +12,9 @@ const MIN_JUMP: f64 = WRAP / 2.0;
 /// A surface continues across a jump if restoring the lost bit brings the value after the jump to within about this
 /// relative difference of the value extrapolated from the values before it.
 const NEAR: f64 = 0.01;
-/// A map overflowed only if the surface continues across at least this many jumps.
+/// Minimum number of jumps across which the surface continues, for a map to count as overflowed.
 const MIN_SEAMS: usize = 16;
-/// A map overflowed only if the surface continues across at least this fraction of all jumps.
+/// Minimum fraction of all jumps across which the surface continues, for a map to count as overflowed.
 const MIN_SHARE: f64 = 0.15;
 
 /// A sentence on the first of a few views whose depth map overflowed. Files that cannot be read are reported elsewhere.

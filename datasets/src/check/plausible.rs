@@ -12,8 +12,8 @@ use crate::view::evenly_spaced;
 
 /// Plausible focal lengths, in widths of the picture.
 pub(super) const FOCAL_WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
-/// A principal point is implausible if it is farther than this from the centre, in widths and heights of the picture. A
-/// centred point that was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
+/// Maximum plausible distance of the principal point from the centre, in widths and heights of the picture. A centred
+/// point that was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
 /// A principal point counts as centred if it is within this distance of the centre, in widths and heights of the

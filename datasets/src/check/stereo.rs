@@ -22,7 +22,7 @@ const BANDS: u32 = 4;
 /// Row offsets that are tested in both directions, in pixels of the reduced size. Offsets of less than one pixel of the
 /// photograph are ignored.
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
-/// Disparities are tested with offsets of up to this value in both directions, in pixels of the reduced size.
+/// Maximum offset of disparities that is tested, in both directions, in pixels of the reduced size.
 const OFFSETS: i32 = 40;
 /// Smallest reported offset of disparities, in pixels of the photograph.
 const MIN_OFFSET: f64 = 2.0;

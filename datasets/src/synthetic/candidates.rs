@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::shapes::SurfaceShape;
 
-/// A shape that misses a bundle by less than this, in metres, still counts as touching it. Rounding errors are far
+/// Distance in metres by which a shape may miss a bundle and still count as touching it. Rounding errors are far
 /// smaller.
 const SLACK_M: f64 = 1e-7;
 /// Number of cells along each side of the grid that lists the objects between a point and the sun.

@@ -42,21 +42,19 @@ const MIN_SIDE: u32 = 48;
 pub(super) const MIN_MATCHES: usize = 30;
 /// Another interpretation counts as better only if it explains at least this fraction of the matches.
 const MIN_SHARE: f64 = 0.6;
-/// Another interpretation counts as better only if it explains a larger fraction of the matches than the dataset
-/// reader's own, by at least this.
+/// Minimum gain in the fraction of explained matches over the dataset reader's own interpretation.
 const MIN_MORE: f64 = 0.2;
-/// Another interpretation counts as better only if the number of explained matches increases by at least this many
-/// standard errors.
+/// Minimum gain in the number of explained matches over the dataset reader's own interpretation, in standard errors.
 const MIN_ERRORS: f64 = 4.0;
-/// Two interpretations explain about equally many matches if the numbers that only one of them explains differ by at
-/// most this many standard errors.
+/// Two interpretations are about equal if the number of matches that only the first explains and the number that only
+/// the second explains differ by at most this many standard errors.
 const MAX_ERRORS_OF_EQUALS: f64 = 2.0;
 /// Maximum number of views whose poses are tried, two at a time, for two pictures.
 const MAX_TRIED: usize = 48;
 /// The poses of other views are reported only if they explain at least this fraction of the matches.
 const MIN_ELSEWHERE: f64 = 0.75;
-/// The poses of other views are reported only if the pictures' own poses explain at most this fraction of the matches.
-/// Otherwise, the pictures' own poses may merely be imprecise, and one of many alternatives may fit better by chance.
+/// Largest fraction of the matches that the pictures' own poses may explain for other views' poses to be reported.
+/// Above this fraction, the own poses may merely be imprecise, and one of many alternatives may fit better by chance.
 const MAX_AS_READ: f64 = 0.5;
 
 /// Indices of two views whose poses fit two pictures, a description, and for each match whether
