@@ -157,8 +157,8 @@ impl Weight {
 pub(super) struct Params<'a> {
     module: VarBuilder<'static>,
     pub(super) kernels: Option<Kernels>,
-    /// Collects the gradients of recomputed parts. `Some` only in training if intermediate tensors
-    /// are not kept.
+    /// Collects the gradients of recomputed parts. `Some` only in training, and only if intermediate tensors are not
+    /// kept.
     pub(super) recompute: Option<Recompute>,
     list: &'a RefCell<Vec<Parameter>>,
 }

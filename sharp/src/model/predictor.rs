@@ -62,9 +62,9 @@ pub struct Predictor {
     compute: Compute,
 }
 
-/// Smaller disparities are raised to this before conversion to depth.
+/// Lower bound of disparities before conversion to depth.
 pub(super) const MIN_DISPARITY: f32 = 1e-4;
-/// Larger disparities are lowered to this before conversion to depth.
+/// Upper bound of disparities before conversion to depth.
 pub(super) const MAX_DISPARITY: f32 = 1e4;
 
 impl Predictor {

@@ -397,7 +397,7 @@ impl TrainingPass {
     }
 }
 
-/// At this internal resolution and above, intermediate tensors are computed again instead of kept. At 1536 they would
+/// Smallest internal resolution at which intermediate tensors are computed again instead of kept. At 1536, they would
 /// take more than 24 GiB.
 const RECOMPUTED_FROM: usize = 1024;
 
