@@ -222,8 +222,8 @@ impl Engines {
     }
 }
 
-/// Turns one result for all predictions into one result each; an error is repeated for each of
-/// `count` predictions.
+/// Turns one result for all predictions into one result per prediction; an error is repeated for each of `count`
+/// predictions.
 fn spread<T: Clone>(
     found: Result<Vec<T>, Unavailable>,
     count: usize,

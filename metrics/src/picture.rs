@@ -249,8 +249,8 @@ impl Mask {
         self.inside.iter().filter(|&&inside| inside).count()
     }
 
-    /// Pixels whose surrounding square of 2 × `radius` + 1 pixels is inside the mask. If `beyond`, pixels beyond the
-    /// picture's border count as inside.
+    /// Pixels around which a square with sides of 2 × `radius` + 1 pixels is inside the mask. If `beyond`, pixels
+    /// beyond the picture's border count as inside.
     pub(crate) fn eroded(&self, radius: usize, beyond: bool) -> Self {
         let (width, height) = (self.width as usize, self.height as usize);
         // Filter one axis, then the other: a pixel is kept if no pixel within its radius is outside

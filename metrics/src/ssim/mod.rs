@@ -70,8 +70,8 @@ pub fn ssim(
     Ok(rows.iter().map(|(sum, _)| sum).sum::<f64>() / count as f64)
 }
 
-/// SSIM without its luminance factor, (2 σₐᵦ + C₂) / (σₐ² + σᵦ² + C₂), a factor of multi-scale SSIM. The mean over all
-/// Gaussian windows that lie inside the pictures.
+/// Mean, over all Gaussian windows that lie inside the pictures, of SSIM without its luminance factor: (2 σₐᵦ + C₂) /
+/// (σₐ² + σᵦ² + C₂), a factor of multi-scale SSIM.
 ///
 /// # Errors
 /// If the pictures are smaller than a window.
