@@ -1,4 +1,4 @@
-//! What a file in any format stores, and its conversion to a scene.
+//! Values stored in a file of any format, and their conversion to a scene.
 
 use super::marks::FileMarks;
 use super::reading::{Harmonics, Marks, StoredForm, StoredOpacity, StoredScales};
@@ -32,7 +32,7 @@ impl Decoded {
     /// Decodes the scene, with `given` overriding the format's encodings.
     ///
     /// # Errors
-    /// [`PlyReason`] if the values are invalid in these encodings or for another rendering rule.
+    /// [`PlyReason`] if the values are invalid in these encodings, or if they were made for another rendering rule.
     pub(crate) fn scene(mut self, given: &StoredForm) -> Result<GaussianScene, PlyReason> {
         if given.marks != Some(Marks::Ignore) {
             self.marks.check_rule(given)?;

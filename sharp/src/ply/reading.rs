@@ -151,7 +151,7 @@ setting!(
     Ignore = "ignore",
 );
 
-/// Encodings of a file's numbers; `None` means the format's own. Given values are not checked.
+/// Encodings of a file's numbers; `None` means the format's own. No doubt is reported about an encoding that is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StoredForm {
     pub color_space: Option<ColorSpace>,

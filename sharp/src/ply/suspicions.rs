@@ -202,8 +202,8 @@ impl Range {
         }
     }
 
-    /// True if all values are in 0..1 and vary enough to be colours. Coefficients that vary less
-    /// would be a single shade.
+    /// True if all values are in 0..1 and vary as widely as colours. If they vary less, they may be coefficients, all
+    /// of a single shade.
     fn is_unit(&self) -> bool {
         self.least >= 0.0 && self.most <= 1.0 && self.spread >= 0.5
     }
@@ -224,17 +224,16 @@ impl Range {
         })
     }
 
-    /// True if the values look like opacities without the logit: all are in 0..1. If all values are
-    /// equal, the value must also be a round number, and its logistic must not be one.
+    /// True if the values look like opacities without the logit: all are in 0..1. If all values are equal, the value
+    /// must also be a round number, and its logistic must not be a round number.
     fn is_activated(&self) -> bool {
         let inside = self.least >= 0.0 && self.most <= 1.0;
         inside
             && (self.least < self.most || (is_round(self.least) && !is_round(logistic(self.least))))
     }
 
-    /// True if the values look like logarithms of opacities: none is positive, and many are close
-    /// to 0. If all values are equal, the exponential must be a round number, and the logistic must
-    /// not be one.
+    /// True if the values look like logarithms of opacities: none is positive, and many are close to 0. If all values
+    /// are equal, the exponential must be a round number, and the logistic must not be a round number.
     fn is_logarithm(&self) -> bool {
         let is_constant = self.least == self.most;
         self.most <= 0.0
@@ -246,9 +245,9 @@ impl Range {
     }
 }
 
-/// In a real scene, at least one in twenty Gaussians has an opacity whose logarithm exceeds this.
+/// Logarithm of an opacity that at least one in twenty Gaussians of a real scene exceeds.
 const NEARLY_OPAQUE: f32 = -0.25;
-/// In a real scene, at least half of the Gaussians have an opacity whose logarithm exceeds this.
+/// Logarithm of an opacity that at least half of the Gaussians of a real scene exceed.
 const MOSTLY_OPAQUE: f32 = -0.4;
 
 fn is_round(value: f32) -> bool {

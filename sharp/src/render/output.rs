@@ -58,7 +58,7 @@ pub struct Dropped {
     pub degenerate: u64,
     /// The opacity is below 1/255.
     pub transparent: u64,
-    /// The box of pixels that could reach 1/255 lies outside the image.
+    /// No pixel at which alpha could reach 1/255 lies inside the image.
     pub outside: u64,
 }
 

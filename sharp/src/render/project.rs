@@ -24,7 +24,7 @@ pub(super) struct Splat {
     pub(super) q: f32,
     pub(super) r: f32,
     pub(super) opacity: f32,
-    /// Alpha is below 1/255 if the exponent of 2 is larger than this.
+    /// Value of `σ · log2 e` above which alpha is below 1/255.
     pub(super) cut: f32,
     pub(super) color: [f32; 3],
 }
@@ -71,7 +71,7 @@ const CHUNK: usize = 8192;
 /// Gaussians per block of transposed columns, chosen to fit in the L1 cache.
 const BLOCK: usize = 128;
 
-/// Opacities and alphas below this are not drawn.
+/// Minimum opacity, and minimum alpha in a pixel, that is drawn.
 pub(super) const ALPHA_MIN: f32 = 1.0 / 255.0;
 /// Maximum extent of a Gaussian in gsplat, in standard deviations; above `sqrt(2 ln 255) = 3.329`.
 const MAX_EXTENT: f64 = 3.33;

@@ -21,7 +21,7 @@ pub(super) struct LocalSplat<S = f32> {
     pub(super) color: [S; 3],
     /// First and last pixel within the bin: x0, x1, y0, y1.
     pub(super) reach: [u8; 4],
-    /// Alpha is below 1/255 if the exponent of 2 is larger than this.
+    /// Value of `σ · log2 e` above which alpha is below 1/255.
     pub(super) cut: f32,
     /// True if the ellipse covers little of its bounding box, so that computing the tile columns of each row saves
     /// time.

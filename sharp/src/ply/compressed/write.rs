@@ -5,7 +5,7 @@ use crate::gaussians::Gaussians;
 use crate::ply::GaussianScene;
 use crate::ply::write::{comments, srgb};
 
-/// Logarithms of scales are clamped to ± this.
+/// Maximum magnitude of the logarithm of a scale; larger ones are clamped.
 const MAX_SCALE: f32 = 20.0;
 
 /// Encodes the scene as a compressed PLY, ordered so that neighbouring Gaussians share a chunk.
