@@ -2,15 +2,15 @@
 
 use serde::Deserialize;
 
-/// What the paper leaves open about the second stage's pseudo-novel views.
+/// Choices about the second stage's pseudo-novel views that the paper leaves open.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PseudoViews {
     /// Maximum distance of a pseudo-novel camera from the photograph's, as a fraction of the photograph's median
     /// depth. The camera looks at a point at this depth.
     pub part_of_distance: f64,
-    /// The point that a camera looks at is off the photograph's axis by at most this fraction of the median depth,
-    /// horizontally and vertically.
+    /// Maximum distance, horizontally and vertically, of the point that a camera looks at from the photograph's axis,
+    /// as a fraction of the median depth.
     pub part_aside: f64,
     /// Minimum alpha at which losses use a pixel of the rendering.
     pub covered: f32,

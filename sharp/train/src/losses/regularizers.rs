@@ -7,9 +7,9 @@ use super::{GradientNorm, InverseDepthUnits, Loss, LossOptions, SplatVariance, s
 const DEPTH_MARGIN: f64 = 1e-2;
 /// δ of [`delta`], in raw outputs of the network.
 const MAX_DELTA: f64 = 400.0;
-/// [`splat`] penalises variances below this, px².
+/// Smallest variance in px² that [`splat`] does not penalise.
 const MIN_VARIANCE: f64 = 0.1;
-/// [`splat`] penalises variances above this, px².
+/// Largest variance in px² that [`splat`] does not penalise.
 const MAX_VARIANCE: f64 = 100.0;
 
 /// E_p(|∂x 1/D̄₂| + |∂y 1/D̄₂|); gradient with respect to D̄₂, the second layer after alignment, in metres and in rows
