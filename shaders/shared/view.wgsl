@@ -26,7 +26,7 @@ struct View {
     // Compensation for the low-pass filter: 0 none, 1 the square root of the determinants' ratio, 2 the same with a
     // floor, 3 Mip-Splatting's.
     compensation: u32,
-    // 1 if the support ends with tiles of 16x16 pixels.
+    // 1 if the support is limited to tiles of 16x16 pixels.
     tiled: u32,
     // Degree of the harmonics drawn, and number of coefficients stored per Gaussian beyond the constant one.
     degree: u32,

@@ -25,8 +25,8 @@ pub enum InfiniteDepth {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrustumMaskOptions {
-    /// The source's field of view is widened to ± this value in x and y, inclusive. In these normalised coordinates,
-    /// the image's edges are at ±1.
+    /// Largest |x| and |y| of the widened field of view of the source, inclusive. In these normalised coordinates, the
+    /// image's edges are at ±1.
     pub margin: f64,
     pub infinite_depth: InfiniteDepth,
 }

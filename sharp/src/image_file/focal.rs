@@ -20,10 +20,9 @@ pub enum FocalSource {
 
 /// Default focal length: millimetres, 35 mm equivalent.
 const DEFAULT_FOCAL_MM: f64 = 30.0;
-/// Focal lengths below this, in millimetres, are assumed to be those of phone lenses, as in the
-/// release.
+/// Focal length in millimetres below which a lens is assumed to be a phone's, as in the release.
 const PHONE_MM: f64 = 10.0;
-/// Focal lengths of lenses on 35 mm film, from fisheyes and action cameras to telescopes.
+/// Plausible 35 mm equivalents in millimetres, from fisheyes and action cameras to telescopes.
 const LENSES_MM: RangeInclusive<f64> = 7.0..=3000.0;
 /// Relative tolerance between two values stated in a file, because converters crop a few rows and
 /// millimetres are rounded.

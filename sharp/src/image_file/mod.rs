@@ -387,9 +387,9 @@ fn open<'a>(
     Ok((Box::new(decoder), header))
 }
 
-/// Pictures with fewer pixels are not checked for wrongly scaled 16-bit levels.
+/// Minimum number of pixels for which the scaling of 16-bit levels is checked.
 const FEWEST_PIXELS: u32 = 256;
-/// Multiples of 256 are no accident if a picture has at least this many of them.
+/// Minimum number of different levels, all multiples of 256, that cannot be a coincidence.
 const FEWEST_LEVELS: usize = 8;
 
 /// Rejects 16-bit pictures that are nearly black because their values have only 8 to 12 bits, and

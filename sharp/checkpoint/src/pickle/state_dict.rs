@@ -117,7 +117,7 @@ fn only_nested<'a>(
         [] if top.is_empty() => Ok(top),
         [] => {
             let mut dicts = top.values().filter_map(|&value| entries(heap, value));
-            // A dict that contains nothing but one other dict.
+            // Searches further only inside a dict that contains exactly one other dict.
             if let (true, Some(inner), None) = (depth > 0, dicts.next(), dicts.next()) {
                 return only_nested(heap, inner, depth - 1);
             }
