@@ -31,10 +31,10 @@ impl<'a> FileFinder<'a> {
         }
     }
 
-    /// Finds the file of that name below `base`. An exact match is preferred, then the same name in
-    /// another case, then the same stem with one of the extensions (files with the stem's own case
-    /// first, then in the order of the extensions). If a match of the last two kinds is ambiguous,
-    /// [`Self::notes`] reports it. `None` if no file matches or the folder is missing.
+    /// Finds the file called `name` below `base`. In order of preference: an exact match, the same name in another
+    /// case, the same stem with one of the extensions. Among files of the last kind, the stem's own case comes first,
+    /// then the order of the extensions counts. If a match of the last two kinds is ambiguous, [`Self::notes`] reports
+    /// it. `None` if no file matches or the folder is missing.
     ///
     /// # Errors
     /// If the name points outside the dataset's folder; the error names the list.

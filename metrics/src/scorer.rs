@@ -161,8 +161,8 @@ impl Scorer {
     /// predictions take k + 1 passes of each network instead of 2 k. Every score is bit-identical
     /// to the result of [`score`](Self::score).
     ///
-    /// A prediction that cannot be compared gives an error of its own and does not affect the other scores; a target or
-    /// mask that cannot be used gives an error for all. Memory grows with the number of predictions; see
+    /// A prediction that cannot be compared gives an error of its own and does not affect the other scores. A target or
+    /// mask that cannot be used gives an error for every prediction. Memory grows with the number of predictions; see
     /// [`memory_bytes`](Self::memory_bytes).
     pub fn score_all(
         &self,

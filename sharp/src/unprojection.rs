@@ -25,7 +25,7 @@ pub fn release_intrinsics(
 
 /// Converts Gaussians from normalised space to the metric space of the camera with `intrinsics`.
 ///
-/// Means and covariances are transformed in f32, as in the release; each covariance is decomposed in f64 into a
+/// Means and covariances are transformed in f32, as in the release. Each covariance is decomposed in f64 into a
 /// rotation and standard deviations in **descending** order, so an axis may change its index. Colours and opacities are
 /// unchanged. The signs of the axes are ambiguous, so compare covariances, not quaternions. Non-finite Gaussians stay
 /// non-finite.

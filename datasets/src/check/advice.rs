@@ -235,8 +235,8 @@ pub(super) fn sentence(
     }
 }
 
-/// Returns the setting that brings poses and depth to the same unit, or a description of the
-/// required unit if no setting exists; then text about an alternative (empty if there is none).
+/// Returns the setting that brings poses and depth to the same unit or, if no setting exists, a description of the
+/// required unit. The second text is about an alternative; empty if there is none.
 ///
 /// If depth is implausible as read, or there is no setting for the poses' unit, the unit of depth
 /// is changed, without an alternative. Otherwise, the poses' unit is changed, and a change of the

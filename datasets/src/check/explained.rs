@@ -190,8 +190,8 @@ pub(super) struct Explained {
     pub(super) squares: f64,
     /// Sums of squared levels of the `compared` samples, in their own view and in the other view.
     levels: [f64; 2],
-    /// For some of the places in the other view where samples land: their number, and the sum of squared colour
-    /// differences between each place and the one [`STEP`] to its right.
+    /// Number of examined places in the other view where samples land, and the sum of their squared colour differences
+    /// from the places [`STEP`] to their right.
     texture: (usize, f64),
 }
 

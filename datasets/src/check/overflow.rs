@@ -9,8 +9,8 @@ use crate::view::evenly_spaced;
 const WRAP: f64 = 65536.0;
 /// Minimum difference between adjacent values that may be due to an overflow.
 const MIN_JUMP: f64 = WRAP / 2.0;
-/// A surface continues across a jump if restoring the lost bit brings the value after the jump to within about this
-/// relative difference of the value extrapolated from the values before it.
+/// Approximate relative tolerance for a surface to continue across a jump. The value after the jump, with the lost bit
+/// restored, is compared with the value extrapolated from those before the jump.
 const NEAR: f64 = 0.01;
 /// Minimum number of jumps across which the surface continues, for a map to count as overflowed.
 const MIN_SEAMS: usize = 16;

@@ -16,8 +16,7 @@ pub(super) const FOCAL_WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
 /// point that was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
-/// A principal point counts as centred if it is within this distance of the centre, in widths and heights of the
-/// picture.
+/// Maximum distance of a centred principal point from the centre, in widths and heights of the picture.
 const MIDDLE: f64 = 0.03;
 
 /// Depth is compared with masks only if at least this share of a depth map is known.

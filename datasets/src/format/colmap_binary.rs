@@ -11,9 +11,9 @@ use crate::lens::COLMAP_MODELS;
 /// Maximum number of parameters tried for an unknown camera model; COLMAP's own have at most 16.
 const MAX_PARAMS: usize = 32;
 
-/// Parses `cameras.bin`. Records do not state their length, so the number of parameters of an
-/// unknown camera model is inferred: there may be only one unknown model, and exactly one number of
-/// parameters must make the last record end with the file. The model is then named by its number.
+/// Parses `cameras.bin`. Records do not state their length, so the number of parameters of an unknown camera model is
+/// inferred. There may be only one unknown model, and exactly one number of parameters must make the last record end
+/// with the file. The model is then named by its number.
 ///
 /// # Errors
 /// If the file is truncated, states more records than its bytes can contain, or has camera models of unknown length.

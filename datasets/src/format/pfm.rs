@@ -1,5 +1,5 @@
-//! Portable float maps as used by Middlebury: rows are stored bottom to top, the sign of the scale gives the byte
-//! order, its magnitude is ignored, and +inf marks an unknown disparity.
+//! Portable float maps as used by Middlebury. Rows are stored bottom to top; +inf marks an unknown disparity. The sign
+//! of the scale gives the byte order; the scale's magnitude is ignored.
 
 use std::path::Path;
 

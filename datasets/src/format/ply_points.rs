@@ -17,8 +17,8 @@ pub struct Geometry {
 /// Parses a PLY file.
 ///
 /// # Errors
-/// If it is not a PLY file, has no vertices with x, y and z, has fewer bytes than the header requires, or a face refers
-/// to a missing vertex.
+/// If the file is not a PLY, has no vertices with x, y and z, or has fewer bytes than its header requires; also if a
+/// face refers to a missing vertex.
 pub fn parse(bytes: &[u8]) -> Result<Geometry, FormatError> {
     let (header, mut body) = Header::parse(bytes)?;
     let mut geometry = Geometry::default();

@@ -143,7 +143,7 @@ impl Sky {
     }
 }
 
-/// Ambient light on a surface that faces away from `towards` (unit vector), and on one that faces it, computed from a
+/// Ambient light on a surface that faces away from `towards` (unit vector), and on one that faces it. Computed from a
 /// sky's moments by spherical harmonics up to the first order.
 fn ambient((mean, first): (DVec3, [DVec3; 3]), towards: DVec3) -> [DVec3; 2] {
     let slope = (first[0] * towards.x + first[1] * towards.y + first[2] * towards.z) * 2.0;

@@ -1,11 +1,12 @@
 //! A procedural scene, ray-cast in f64: photographs, exact depth and exact visibility.
 //!
-//! Textured planes, boxes, spheres, thin poles and wires, an occluder close to the cameras, and a sky without depth,
-//! seen by concentric rings of cameras, no two of which are more than 60 cm apart (the rig of the paper's synthetic
-//! data). A seed determines everything.
+//! The scene consists of textured planes, boxes, spheres, thin poles and wires, an occluder close to the cameras, and a
+//! sky without depth. It is seen by concentric rings of cameras; no two cameras are more than 60 cm apart (the rig of
+//! the paper's synthetic data). A seed determines everything.
 //!
-//! Only additions, multiplications, divisions, square roots and integer hashes are used, all of which are exactly
-//! defined (by IEEE 754), so pictures and depths are the same on every machine and for any number of threads.
+//! Only additions, multiplications, divisions, square roots and integer hashes are used. Their results are exactly
+//! defined (for floating point, by IEEE 754), so pictures and depths are the same on every machine and for any number
+//! of threads.
 //!
 //! * `arithmetic`: replacements for the few libm functions needed.
 //! * `shapes`: rectangles, boxes, spheres, cylinders, and their intersections with rays.

@@ -1,5 +1,5 @@
-//! Controlled sweeps: pairs of one source camera with targets along which a single quantity increases
-//! step by step: the camera's translation, its rotation, or the number of posts in front of both cameras.
+//! Controlled sweeps: one source camera is paired with targets along which a single quantity increases step by step.
+//! This quantity is the camera's translation, its rotation, or the number of posts in front of both cameras.
 
 use std::sync::Arc;
 

@@ -5,10 +5,9 @@
 //! scan).
 //!
 //! * `photographs`: block i of the log, counted from 0, belongs to the picture numbered i + 1.
-//! * `cameras`: intrinsics were never published. Provide a COLMAP model (`cameras.txt` or `.bin`
-//!   next to the log or in `sparse/0`, with `images` if it has several cameras). A focal length
-//!   given as a share of the width is a guess, which cannot be checked with depth rendered by the
-//!   same camera; it is used only if a setting requests it.
+//! * `cameras`: intrinsics were never published. Provide a COLMAP model (`cameras.txt` or `.bin` next to the log or in
+//!   `sparse/0`, with `images` if it has several cameras). A focal length given as a share of the width is a guess, and
+//!   depth rendered by the same camera cannot reveal its error. It is used only if a setting requests it.
 
 mod cameras;
 mod photographs;

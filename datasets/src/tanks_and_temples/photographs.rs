@@ -97,9 +97,10 @@ impl ScenePhotographs {
 
     /// Assigns the pictures to the blocks of the log, and lists those without a block.
     ///
-    /// If any name is a number, pictures are matched by number: block i belongs to the picture numbered i + 1, or to
-    /// the one numbered i if the pictures' numbers start with 0 and end with the last block. Pictures without a number
-    /// have no block. If no name is a number, there must be as many pictures as blocks, and they are matched by order.
+    /// If any name is a number, pictures are matched by number: block i belongs to the picture numbered i + 1. If the
+    /// pictures' numbers start with 0 and end with the last block, block i belongs to the picture numbered i instead.
+    /// Pictures without a number have no block. If no name is a number, there must be as many pictures as blocks, and
+    /// they are matched by order.
     ///
     /// # Errors
     /// If pictures cannot be matched with poses; the error says why.

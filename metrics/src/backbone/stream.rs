@@ -1,11 +1,10 @@
 //! Runs pictures of equal size through a network strip by strip, in lockstep.
 //!
-//! Each layer buffers only the rows that its next output rows need, so memory grows with the number
-//! and width of the pictures and with the strip's height, but not with the pictures' height. Deep
-//! layers get few rows per strip. They wait until enough rows have accumulated, because their
-//! weights exceed any cache and should not be read for a handful of pixels. Every output row is
-//! computed once, from the same inputs by the same operations, so results are bit-identical for any
-//! strip height and number of pictures.
+//! Each layer buffers only the rows that its next output rows need. Memory therefore grows with the number and width of
+//! the pictures and with the strip's height, but not with the pictures' height. Deep layers get few rows per strip.
+//! They wait until enough rows have accumulated, because their weights exceed any cache and should not be read for a
+//! handful of pixels. Every output row is computed once, from the same inputs by the same operations, so results are
+//! bit-identical for any strip height and number of pictures.
 
 use std::ops::Range;
 

@@ -1,10 +1,9 @@
 //! The networks on candle tensors, on a GPU or, for reference, on the CPU.
 //!
-//! Like [`stream`](super::stream()) on the CPU kernels, this works in strips of rows, and each
-//! layer buffers what its next rows need, so that memory does not grow with the picture's height.
-//! Each picture is a separate batch, because a device's summation order may depend on the batch
-//! size, but a score must not depend on which other pictures are scored. Features leave the device
-//! as f32; everything after them is the same f64 code as for the kernels.
+//! Like [`stream`](super::stream()) on the CPU kernels, this works in strips of rows. Each layer buffers only what its
+//! next rows need, so that memory does not grow with the picture's height. Each picture is a separate batch, because a
+//! device's summation order may depend on the batch size, but a score must not depend on which other pictures are
+//! scored. Features leave the device as f32; everything after them is the same f64 code as for the kernels.
 
 use std::ops::Range;
 

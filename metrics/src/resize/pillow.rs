@@ -2,7 +2,7 @@
 //! other.
 //!
 //! 8-bit pictures use PIL's fixed-point arithmetic (22-bit weights, rounded to 8 bits after each pass) and are
-//! bit-identical; floats use PIL's 32-bit path (mode `F`: f64 weights and sums, f32 after each pass).
+//! bit-identical. Floats use PIL's 32-bit path (mode `F`: f64 weights and sums, f32 after each pass).
 
 use rayon::prelude::*;
 

@@ -9,8 +9,8 @@ use crate::picture::Picture;
 
 /// The last 2 × radius + 1 rows of some columns, filtered along x, as one task moves down the picture.
 ///
-/// If the picture is padded, rows and columns are counted from the padded origin, a radius above and to the left: row 0
-/// is the first row needed for the map's first row.
+/// If the picture is padded, rows and columns are counted from the padded origin, one radius above and to the left of
+/// the picture's. Row 0 is then the first row needed for the map's first row.
 pub(super) struct Strip<'a> {
     form: &'a SsimSpec,
     pictures: [&'a Picture; 2],

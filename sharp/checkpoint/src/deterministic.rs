@@ -25,8 +25,9 @@ pub fn splitmix64(s: u64) -> u64 {
 
 /// Weights of the SHARP network for the tensor `name` with `shape`; `salt` selects one of several sets.
 ///
-/// Offset and scale depend on the name and the number of axes, chosen so that activations stay of order one through the
-/// whole network: norms near 1, LayerScale near 0.3, biases within 0.05, matrices and filters uniform with unit gain.
+/// Offset and scale depend on the name and the number of axes. They are chosen so that activations stay of order one
+/// through the whole network: norms near 1, LayerScale near 0.3, biases within 0.05, matrices and filters uniform with
+/// unit gain.
 pub fn model_weights(salt: &str, name: &str, shape: &[usize]) -> Vec<f32> {
     let (offset, scale) = model_rule(name, shape);
     let (offset, scale) = (offset as f32, scale as f32);

@@ -135,8 +135,8 @@ fn entry(
     let mut packed = u32_at(record, 20);
     let mut size = u32_at(record, 24);
     let mut start = u32_at(record, 42);
-    // A 32-bit value of all ones means that the actual value is in the 64-bit extra field, which
-    // contains only the values replaced in this way, in the order of this loop.
+    // A 32-bit value of all ones means that the actual value is in the 64-bit extra field. That field contains only the
+    // values replaced in this way, in the order of this loop.
     let wide = wide_field(extra);
     let mut at = 0;
     for value in [&mut size, &mut packed, &mut start] {

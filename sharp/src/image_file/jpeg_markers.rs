@@ -6,8 +6,8 @@ use super::ReadSeek;
 
 /// Checks that a JPEG stream runs from its start marker to its end marker.
 ///
-/// Only the structure is checked: segments are skipped by their length (so the end marker of an embedded thumbnail does
-/// not count), and entropy-coded data is skipped up to the next marker.
+/// Only the structure is checked. Segments are skipped by their length, so the end marker of an embedded thumbnail does
+/// not count. Entropy-coded data is skipped up to the next marker.
 ///
 /// # Errors
 /// The reason, if the stream ends early or a segment is malformed.

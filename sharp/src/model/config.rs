@@ -162,8 +162,8 @@ impl ModelConfig {
         }
     }
 
-    /// Reads `FILE` or `FILE#NAME`: a JSON object with the fields of this type, or an object of
-    /// named configurations from which `NAME` selects one (optional if the object has only one).
+    /// Reads `FILE` or `FILE#NAME`: a JSON object with the fields of this type, or an object of named configurations.
+    /// `NAME` selects one of these; it may be omitted if there is only one.
     ///
     /// # Errors
     /// [`ModelError::File`] if the file cannot be read or does not contain the requested

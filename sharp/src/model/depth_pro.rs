@@ -172,9 +172,9 @@ impl DepthPro {
     /// estimates the focal length.
     ///
     /// # Errors
-    /// [`ModelError::Image`] if the image has the wrong size or non-finite values, if the focal
-    /// length is not positive, if no focal length is given and the checkpoint cannot estimate one,
-    /// or if the result is not finite. [`ModelError::Tensor`] if the computation fails.
+    /// [`ModelError::Image`] if the image has the wrong size or non-finite values, the focal length is not positive, or
+    /// the result is not finite; also if no focal length is given and the checkpoint cannot estimate one.
+    /// [`ModelError::Tensor`] if the computation fails.
     pub fn predict(
         &self,
         image: Planes<'_>,

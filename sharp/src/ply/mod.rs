@@ -1,6 +1,6 @@
-//! Gaussian scenes and their PLY files: the SHARP release's form, the plain form for third-party viewers, PlayCanvas'
-//! compressed form, and a reader for all of these and for files of other programs. [`table`] reads PLY files of any
-//! kind; `gaussian_files` also reads other formats.
+//! Gaussian scenes and their PLY files: the SHARP release's form, the plain form for third-party viewers, and
+//! PlayCanvas' compressed form. The reader also accepts files of other programs. [`table`] reads PLY files of any kind;
+//! `gaussian_files` also reads other formats.
 //!
 //! Stored values are encoded: scales as natural logarithms, opacities as logits, colours as the constant term of
 //! spherical harmonics, `(c − ½) / √(1 / 4π)`. [`StoredForm`] describes files with other encodings.

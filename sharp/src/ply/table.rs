@@ -278,9 +278,9 @@ impl<'a> Body<'a> {
     /// Reads the rows of `element`, which must be the next of the header's elements, and passes
     /// each row to `visit`.
     ///
-    /// A count that exceeds what the rest of the file can contain is rejected before the first row,
-    /// so that `visit` may collect: memory is bounded by a small multiple of the file's size. Rows
-    /// without properties take no bytes and are skipped, whatever their number in the header.
+    /// A count that exceeds what the rest of the file can contain is rejected before the first row. Memory is thus
+    /// bounded by a small multiple of the file's size, even if `visit` collects all rows. Rows without properties take
+    /// no bytes and are skipped, whatever their number in the header.
     ///
     /// # Errors
     /// [`TableError::Truncated`], [`TableError::NotANumber`], or any error of `visit`.

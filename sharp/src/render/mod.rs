@@ -3,8 +3,8 @@
 //!
 //! # The definition
 //! Per Gaussian: `p = L μ + t`, dropped unless `near ≤ z ≤ far`. The covariance is transformed by the view's linear
-//! part and by the Jacobian of the projection at a clamped point; the low-pass is added to its diagonal, and the
-//! opacity may be scaled to compensate. Colours depend on the direction from the camera through
+//! part and by the Jacobian of the projection at a clamped point. The low-pass is added to the covariance's diagonal,
+//! and the opacity may be scaled to compensate. Colours depend on the direction from the camera through
 //! [harmonics](crate::gaussians::Harmonics).
 //!
 //! Per pixel, with centre (i + 0.5, j + 0.5), Gaussians are blended front to back by the z of their centres (f32, ties

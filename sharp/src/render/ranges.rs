@@ -7,9 +7,8 @@ use super::emit::BIN;
 use super::project::{Footprint, Splat};
 use super::scan::scan;
 
-/// A Gaussian relative to one bin: the mean is relative to the bin's corner, so that a pixel's
-/// distance from the mean has the same precision anywhere in the image and does not depend on the
-/// tile size.
+/// A Gaussian relative to one bin. Its mean is relative to the bin's corner, so that a pixel's distance from the mean
+/// has the same precision anywhere in the image and for any tile size.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LocalSplat<S = f32> {
     pub(super) mean: [S; 2],

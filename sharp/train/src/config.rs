@@ -103,8 +103,8 @@ pub struct StageConfig {
     pub side: u32,
     #[serde(default)]
     pub data: TrainingData,
-    /// Maximum distance in metres: in the first stage, between the two cameras of a dataset's pair;
-    /// in the second stage, between the cameras of a photograph and of a pseudo-novel view.
+    /// Maximum distance between two cameras, in metres. First stage: the cameras of a dataset's pair. Second stage: the
+    /// cameras of a photograph and of a pseudo-novel view.
     #[serde(default = "max_baseline_m")]
     pub max_baseline_m: f64,
     /// Choices about pseudo-novel views; for the second stage.

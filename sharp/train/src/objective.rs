@@ -1,9 +1,8 @@
 //! The objective of one example: all of the paper's losses for one pass of the network, and their
 //! gradient with respect to the network's outputs.
 //!
-//! The pixel gradients of a view are first accumulated and then propagated through the renderer
-//! together, so that no data of a view is kept while the next is rendered (the paper's graph
-//! surgery, applied to all losses).
+//! The pixel gradients of a view are first accumulated and then propagated through the renderer together. No data of a
+//! view is thus kept while the next view is rendered (the paper's graph surgery, applied to all losses).
 
 use glam::DVec3;
 use image::RgbImage;

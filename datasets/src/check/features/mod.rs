@@ -1,5 +1,6 @@
 //! Check without depth: tests whether features that match between neighbouring views lie on each other's epipolar
-//! lines, in front of both cameras, and whether another interpretation of the poses explains them better.
+//! lines, in front of both cameras. Also tests whether another interpretation of the poses explains the features
+//! better.
 
 mod focals;
 
@@ -46,15 +47,15 @@ const MIN_SHARE: f64 = 0.6;
 const MIN_MORE: f64 = 0.2;
 /// Minimum gain in the number of explained matches over the dataset reader's own interpretation, in standard errors.
 const MIN_ERRORS: f64 = 4.0;
-/// Two interpretations are about equal if the number of matches that only the first explains and the number that only
-/// the second explains differ by at most this many standard errors.
+/// Maximum difference, in standard errors, between two counts for interpretations to be about equal: the matches that
+/// only the first explains, and those that only the second explains.
 const MAX_ERRORS_OF_EQUALS: f64 = 2.0;
 /// Maximum number of views whose poses are tried, two at a time, for two pictures.
 const MAX_TRIED: usize = 48;
 /// The poses of other views are reported only if they explain at least this fraction of the matches.
 const MIN_ELSEWHERE: f64 = 0.75;
 /// Largest fraction of the matches that the pictures' own poses may explain for other views' poses to be reported.
-/// Above this fraction, the own poses may merely be imprecise, and one of many alternatives may fit better by chance.
+/// Above this fraction, these poses may merely be imprecise, and one of many alternatives may fit better by chance.
 const MAX_AS_READ: f64 = 0.5;
 
 /// Indices of two views whose poses fit two pictures, a description, and for each match whether

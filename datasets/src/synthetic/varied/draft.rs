@@ -15,9 +15,9 @@ use super::super::world::{Object, Surface, World};
 /// apart, so no surface is closer than 0.3 m to any possible position.
 const CLEAR_M: f64 = 0.34;
 
-/// Objects, light and lens of a scene under construction. Positions are in a frame that is rotated
-/// about the vertical through the central camera, so that walls are not always perpendicular to the
-/// camera's axis: x right, y down, z forward, in metres.
+/// Objects, light and lens of a scene under construction. Positions are in metres, in a frame with x right, y down and
+/// z forward. The frame is rotated about the vertical through the central camera, so that walls are not always
+/// perpendicular to the camera's axis.
 pub(super) struct Draft<'a> {
     pub(super) random: &'a mut SplitMix64,
     pub(super) light: Light,

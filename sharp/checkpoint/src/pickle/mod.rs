@@ -1,6 +1,6 @@
 //! A pickle interpreter that supports only what a PyTorch state dict needs.
 //!
-//! Values are stored in flat arenas and refer to each other by index, so that neither deep nesting nor cycles can
+//! Values are stored in flat arenas and refer to each other by index. Therefore, neither deep nesting nor cycles can
 //! overflow the stack, and each opcode uses a bounded amount of memory. Nothing is ever called: the few constructors
 //! used by state dicts are recognised, and any other call yields a placeholder with the function's name. Tensors that
 //! depend on a placeholder are omitted.

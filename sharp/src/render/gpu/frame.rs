@@ -206,9 +206,9 @@ impl Frame<'_> {
 
     /// Writes the start of each Gaussian's pairs to `scene.places`, and returns the total number of pairs.
     ///
-    /// The sum of a scan block cannot wrap: its 1024 Gaussians have at most one pair per tile, and
-    /// a sub-frame has fewer than 2²² tiles, because the pixels of a sub-frame fit in one binding.
-    /// The starts can wrap if the total exceeds 32 bits; such a sub-frame is split, not drawn.
+    /// The sum of a scan block cannot wrap: its 1024 Gaussians have at most one pair per tile, and a sub-frame has
+    /// fewer than 2²² tiles. (The pixels of a sub-frame fit in one binding.) The starts can wrap if the total exceeds
+    /// 32 bits; such a sub-frame is split, not drawn.
     pub(super) fn count_pairs(
         &self,
         order: &GpuBuffer,

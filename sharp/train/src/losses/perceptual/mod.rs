@@ -1,7 +1,7 @@
 //! The perceptual loss with its Gram term (paper, perceptual loss), based on features of a frozen network.
 //!
 //! [`Perceptual::compare`] also implements the paper's graph surgery: it takes a rendered picture detached from the
-//! graph that produced it, and returns the loss's value and its gradient with respect to that picture. Intermediate
+//! graph that produced it. It returns the loss's value and its gradient with respect to that picture. Intermediate
 //! results are freed on return, so that memory does not grow with the number of views.
 //!
 //! # Contents
