@@ -13,7 +13,7 @@ use crate::undistort::Undistortion;
 /// them.
 pub(crate) const WHITE: u8 = 128;
 
-/// Which pixels of a mask are valid: the white or the black ones.
+/// Valid pixels of a mask: the white or the black ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Keep {
     White,

@@ -3,7 +3,7 @@
 /// Processing steps of one view's files.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Processing {
-    /// How the photograph was resampled; `None` if it is used as stored.
+    /// Resampling of the photograph; `None` if it is used as stored.
     pub undistorted: Option<Undistorted>,
     /// True if a mask made some pixels black and without depth.
     pub masked: bool,

@@ -102,7 +102,7 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// bytes, as 64 lower-case hexadecimal digits.
     ///
     /// # Errors
-    /// Names the file and the reason: it is missing, it is incomplete (if that can be detected without decoding), or
+    /// Names the file and the reason: the file is missing or incomplete (if that can be detected without decoding), or
     /// the photograph's size differs from the camera's.
     fn image_sha256(&self) -> Result<String, DatasetError>;
 }

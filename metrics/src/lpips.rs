@@ -14,7 +14,7 @@ use crate::picture::{Mask, Normalization, Picture};
 use crate::simd::with_widest_vectors;
 use crate::unavailable::Unavailable;
 
-/// How ε enters the division by a feature vector's length.
+/// Place of ε in the division by a feature vector's length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Epsilon {
     /// `f / (√Σf² + 1e-10)`, as published.

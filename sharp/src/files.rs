@@ -7,7 +7,7 @@ use std::path::Path;
 /// Reads a whole file. Pipes and devices are refused, because they may never end.
 ///
 /// # Errors
-/// Any I/O error; also if it is not a regular file.
+/// Any I/O error; also if the path is not a regular file.
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     let kind = fs::metadata(path)?.file_type();
     if kind.is_file() || kind.is_dir() {
@@ -29,7 +29,7 @@ pub fn read_text(path: &Path) -> io::Result<String> {
 /// Opens a regular file; pipes and devices are refused.
 ///
 /// # Errors
-/// Any I/O error; also if it is not a regular file.
+/// Any I/O error; also if the path is not a regular file.
 pub fn open_regular(path: &Path) -> io::Result<File> {
     // Checked before opening, because opening a pipe waits for its writer.
     if fs::metadata(path)?.is_file() {

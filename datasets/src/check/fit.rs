@@ -52,7 +52,7 @@ const FINE_SAMPLES: usize = 800;
 const THOROUGH_SAMPLES: usize = 3000;
 
 impl Neighbours<'_> {
-    /// The interpretation that explains the views best; `None` if it is not significantly better than the dataset
+    /// The interpretation that explains the views best; `None` if none is significantly better than the dataset
     /// reader's own.
     pub(super) fn better(&self, units: Units) -> Option<Better> {
         let as_read = self.explained(&Reading::AS_READ, self.stride);

@@ -65,8 +65,8 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
 }
 
 /// Size of the pictures for which a camera seems to have been calibrated, divided by the camera's own size. `None` if
-/// the camera fits its own size; it does not if the principal point is far off the centre by the same factor in both
-/// directions.
+/// the camera fits its own size. A camera does not fit if its principal point is far off the centre by the same factor
+/// in both directions.
 fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;

@@ -22,7 +22,7 @@ pub(super) enum Part {
     Depth,
 }
 
-/// Flips that occur by mistake in pictures and depth maps: whether horizontal, whether vertical, and a description.
+/// Flips that occur by mistake in pictures and depth maps: flags for horizontal and vertical, and a description.
 pub(super) const FLIPS: [((bool, bool), &str); 3] = [
     ((false, true), "upside down"),
     ((true, false), "mirrored left to right"),

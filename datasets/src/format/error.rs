@@ -5,7 +5,6 @@ use sharp::ply::table::TableError;
 
 use crate::lens::LensError;
 
-/// An error of parsing a file format.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FormatError {
     /// The file has less data than its header states.

@@ -20,7 +20,8 @@ pub(super) enum Finish {
     },
 }
 
-/// What a ray sees in a [`Finish`]: the light along two other rays, each with a weight per colour.
+/// Light seen along a ray that hits a [`Finish`], as a weighted sum of the light along two other rays. Each has a
+/// weight per colour.
 #[derive(Debug)]
 pub(super) struct Layers {
     /// Direction of the reflected ray, which starts at the hit point, and its weight per colour.

@@ -207,8 +207,8 @@ impl SyntheticScene {
     /// Builds the scene; pictures are computed on demand.
     ///
     /// # Errors
-    /// [`DatasetError::Spec`] for an empty picture or one of more than 2²⁸ pixels, fewer than 2 views, or more than
-    /// 10,000.
+    /// [`DatasetError::Spec`] for a picture with no pixels or more than 2²⁸, and for fewer than 2 or more than 10,000
+    /// views.
     pub fn new(options: SyntheticOptions) -> Result<Self, DatasetError> {
         let refuse = |reason: String| DatasetError::Spec {
             text: ENTRY.format.to_owned(),
@@ -270,9 +270,9 @@ impl SyntheticScene {
         Scene::new(dataset, id, self.views.clone(), Pairing::MultiView)
     }
 
-    /// Whether the surface point at the centre of `pixel` in view `seen_in` is also visible in view
-    /// `from`, i.e. lies inside that view's picture and is not occluded. `None` if the pixel shows
-    /// the sky. Exact, because it is determined by casting rays rather than comparing depth maps.
+    /// True if the surface point at the centre of `pixel` in view `seen_in` is also visible in view `from`: inside that
+    /// view's picture and not occluded. `None` if the pixel shows the sky. Exact, because it is determined by casting
+    /// rays rather than comparing depth maps.
     ///
     /// # Panics
     /// If a view's index is out of range.

@@ -251,8 +251,8 @@ impl World {
             && !surface(a).is_some_and(layered)
     }
 
-    /// Sum over the rays of a sight of the linear light that arrives along them. `sample` is the
-    /// width of surface that one ray represents at a depth of 1.
+    /// Linear light that arrives along the rays of a sight, summed over these rays. `sample` is the width of surface
+    /// that one ray represents at a depth of 1.
     pub(super) fn radiance(&self, sight: &Sight, sample: f64) -> DVec3 {
         let (light, share) = (&self.light, 1.0 / sight.rays);
         let direction = sight.direction * share;

@@ -115,7 +115,7 @@ impl Weights {
     }
 
     /// Deterministic weights computed from the tensors' names and `salt`, for all networks; used by the golden data and
-    /// the cross-check. Scores with them are only meaningful to compare implementations, not pictures.
+    /// the cross-check. Scores with these weights can be used to compare implementations, but not pictures.
     pub fn deterministic(salt: &str) -> Self {
         let source = WeightsSource::Deterministic(salt.to_owned());
         Self {

@@ -286,7 +286,7 @@ impl Range {
     }
 }
 
-/// How the bytes of an attribute are converted to numbers.
+/// Conversion of an attribute's bytes to numbers.
 enum Levels {
     /// Version 1: linear within a range.
     Range(Range),

@@ -10,7 +10,7 @@ pub enum FocalSource {
     Given,
     /// The 35 mm equivalent stated in the file, in millimetres.
     Equivalent35mm(f64),
-    /// The physical focal length stated in the file, in millimetres. Below 10 it is assumed to be a phone's and
+    /// The physical focal length stated in the file, in millimetres. A value below 10 is assumed to be a phone's and
     /// multiplied by 8.4, as in the release.
     Lens(f64),
     /// No focal length is stated: assumes 30 mm (35 mm equivalent), which silently determines the

@@ -117,7 +117,7 @@ impl Header {
     }
 }
 
-/// Whether a picture has an alpha channel, and how much of it is not opaque.
+/// Alpha channel of a picture, and the share of its pixels that are not opaque.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Alpha {
     None,

@@ -130,7 +130,8 @@ impl PictureRules {
             .filter(move |rule| !asked.contains(rule))
     }
 
-    /// Whether to turn a picture by its EXIF orientation. `fit` is the size that the picture's camera states, if known.
+    /// True if a picture is to be turned by its EXIF orientation. `fit` is the size that the picture's camera states,
+    /// if known.
     pub fn turns(&self, header: &super::Header, fit: Option<(u32, u32)>) -> bool {
         let upright = header.orientation != 1;
         match (self.orientation, fit) {

@@ -82,7 +82,7 @@ impl DepthProSource {
         Ok(is_depth_pro(&source.0).then_some(source))
     }
 
-    /// Whether the file has a head that estimates the field of view.
+    /// True if the file has a head that estimates the field of view.
     pub fn has_fov(&self) -> bool {
         self.0.has(FOV)
     }
@@ -98,7 +98,7 @@ impl DepthProSource {
     }
 }
 
-/// Whether a file has the tensors of Depth Pro, which lack the prefix of SHARP's depth network.
+/// True if a file has the tensors of Depth Pro, which lack the prefix of SHARP's depth network.
 pub fn is_depth_pro(source: &CheckpointSource) -> bool {
     source.has("encoder.patch_encoder.")
 }

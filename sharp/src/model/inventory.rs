@@ -69,7 +69,7 @@ impl CheckpointSource {
         self.left_out.as_deref()
     }
 
-    /// Whether the name of any tensor begins with `prefix`.
+    /// True if the name of any tensor begins with `prefix`.
     pub fn has(&self, prefix: &str) -> bool {
         self.file.names().any(|name| name.starts_with(prefix))
     }

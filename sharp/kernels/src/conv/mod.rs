@@ -124,7 +124,6 @@ impl Conv2d {
         Self { spec, relu, plan }
     }
 
-    /// Shape of the convolution.
     pub fn spec(&self) -> ConvSpec {
         self.spec
     }

@@ -163,7 +163,7 @@ fn input_body<const FMA: bool>(
     }
 }
 
-/// Where and how the output transform writes one tile.
+/// Destination of one tile, and the operations that the output transform applies before writing it.
 pub(super) struct OutputTile<'a> {
     /// Bias of each output channel, padded to a multiple of [`LANES`].
     pub(super) bias: &'a [f32],

@@ -72,7 +72,7 @@ pub(super) struct Frame<'a> {
     pub(super) passes: &'a Passes,
     pub(super) scene: &'a GpuScene,
     pub(super) view: &'a RenderView,
-    /// Whether the pixels are copied to the host.
+    /// True if the pixels are copied to the host.
     pub(super) copied: bool,
     /// Side of a tile in pixels: a power of two of at least [`MIN_TILE`]. If the rule limits the
     /// support to tiles, tiles are no larger than the rule's tiles, because a list applies to all
