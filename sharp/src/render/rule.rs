@@ -211,7 +211,6 @@ impl Rule {
         ..Self::GSPLAT_1_5_3_CLASSIC
     };
 
-    /// The named rules.
     pub const NAMED: [(&str, Self); 10] = [
         ("sharp", Self::SHARP),
         ("inria", Self::INRIA),
