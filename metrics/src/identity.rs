@@ -1,4 +1,4 @@
-//! Keys of metrics: numbers that must not be confused have different keys.
+//! Keys of metrics. Numbers that are computed in different ways have different keys.
 //!
 //! Under the name SSIM alone, public code computes at least eight different values. Numbers with
 //! different keys never share a column.

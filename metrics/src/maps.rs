@@ -21,7 +21,7 @@ pub(crate) struct TapMap {
     pub(crate) values: Vec<f32>,
 }
 
-/// Position of an output pixel between two input pixels: the first, the second, and the second's weight.
+/// Position of an output pixel between two input pixels: index of the first, index of the second, weight of the second.
 type Position = (usize, usize, f64);
 
 /// Bilinear positions with pixel centres at halves (PyTorch's `align_corners=False`).

@@ -67,12 +67,12 @@ pub(super) fn mean_loss(all: &[Explained]) -> f64 {
     all.iter().map(Explained::loss).sum::<f64>() / landed as f64
 }
 
-/// True if an interpretation leaves little unexplained.
+/// True if the mean loss under an interpretation is at most [`MAX_LEFT`].
 pub(super) fn fits_well(all: &[Explained]) -> bool {
     mean_loss(all) <= MAX_LEFT
 }
 
-/// True if an interpretation leaves more unexplained than valid data usually do.
+/// True if the mean loss under an interpretation is at least [`SUSPICIOUS`], i.e. higher than valid data usually have.
 pub(super) fn is_suspicious(all: &[Explained]) -> bool {
     mean_loss(all) >= SUSPICIOUS
 }

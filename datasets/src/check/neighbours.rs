@@ -259,8 +259,8 @@ impl<'a> Neighbours<'a> {
         is_suspicious(&self.explained(&Reading::AS_READ, self.stride))
     }
 
-    /// Reports neighbouring views with the same picture, or the same depth map in all views, although the content
-    /// should have moved between them.
+    /// Reports neighbouring views that have the same picture, or views that all have the same depth map, although the
+    /// content should have moved between them.
     pub(super) fn repeated(&self) -> Option<String> {
         let is_moved = |(a, b): &(usize, usize)| {
             let ((one, samples), (other, _)) = (&self.small[a], &self.small[b]);

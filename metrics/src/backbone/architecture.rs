@@ -31,7 +31,7 @@ pub(crate) enum LayerSpec {
         /// Output channels of each of the two parallel convolutions.
         expand: usize,
     },
-    /// Not a layer: makes the output of the preceding layer a tap.
+    /// Not a layer: marks the output of the preceding layer as a tap, i.e. as features that are compared.
     Tap,
 }
 

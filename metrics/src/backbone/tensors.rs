@@ -125,7 +125,8 @@ impl TensorLayer {
         let (rows, above, below) = self.window.inputs(out, size.height);
         let (_, left, right) = self.window.inputs(&columns, size.width);
         let held = x.narrow(2, rows.start - first, rows.len())?;
-        // Zero padding does not affect max pooling, because its inputs are outputs of a ReLU.
+        // Zero padding does not affect max pooling, because the values pooled are the output of a ReLU and never
+        // negative.
         let x = held
             .pad_with_zeros(2, above, below)?
             .pad_with_zeros(3, left, right)?

@@ -136,10 +136,9 @@ pub(super) fn resize<T: PillowSample>(
         })
 }
 
-/// Since version 13, PIL filters along y first if the height shrinks by more than twice as many
-/// pixels as the width. The order affects 8-bit pictures, which are rounded between the passes.
-/// Pictures at most twice as tall as wide give the same result in every version if their aspect
-/// ratio is preserved.
+/// Since version 13, PIL filters along y first if the height loses more than twice as many pixels as the width. The
+/// order affects 8-bit pictures, which are rounded between the passes. Pictures at most twice as tall as wide give the
+/// same result in every version if their aspect ratio is preserved.
 fn vertical_first(from: Size, to: Size) -> bool {
     let lost = |from: usize, to: usize| from as i64 - to as i64;
     let (rows, columns) = (lost(from.height, to.height), lost(from.width, to.width));

@@ -1,6 +1,6 @@
 //! The SSIM variants and the choices that define them: window, border, covariance, channels and range.
 
-/// A variant of SSIM: each corresponds to one [`SsimForm`] computed by public code.
+/// A variant of SSIM that public code computes; each has its own [`SsimForm`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SsimVariant {
     Gauss11Valid,

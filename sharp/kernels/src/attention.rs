@@ -92,9 +92,9 @@ struct Parts {
     columns: usize,
     /// Number of rows processed at a time.
     rows: usize,
-    /// Distance between query rows.
+    /// Distance between query rows, in elements.
     query_stride: usize,
-    /// Distance between weight rows within each run of k.
+    /// Distance between weight rows within each run of k, in elements.
     weight_stride: usize,
     keys: usize,
     values: usize,

@@ -84,7 +84,7 @@ pub(super) fn check_complete(bytes: &[u8], format: ImageFormat) -> Result<(), Im
     }
 }
 
-/// Lower bound on the bytes per pixel in a file, from the start of the file.
+/// Lower bound on the bytes per pixel of a file, derived from its first bytes, `start`.
 fn least_bytes_per_pixel(start: &[u8], format: ImageFormat) -> f64 {
     /// Maximum expansion factor of Deflate.
     const DEFLATE: f64 = 1032.0;

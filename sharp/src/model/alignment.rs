@@ -9,7 +9,7 @@ use super::layers::{Conv, GroupNorm};
 use super::ops::{avg_pool, double_nearest};
 use super::params::Params;
 
-/// Groups of every normalisation in this network.
+/// Number of groups in every normalisation of this network.
 const GROUPS: usize = 4;
 
 /// Minimum depth passed to the network, in metres.

@@ -48,7 +48,7 @@ setting!(
     JacobianClamp, "jacobian-clamp":
     /// The picture's edges, moved outwards by 0.15 of its width or height.
     Image = "image",
-    /// 1.3 half fields of view to either side of the axis, regardless of the principal point.
+    /// 1.3 times half the field of view to either side of the axis, regardless of the principal point.
     Symmetric = "symmetric",
     /// No bounds.
     None = "none",

@@ -321,7 +321,8 @@ impl<'a> Machine<'a, '_> {
         Ok(())
     }
 
-    /// Handles an opcode that creates an object. Nothing is created: the placeholder of its class is pushed instead.
+    /// Handles an opcode that creates an object. Nothing is created: the placeholder of the object's class is pushed
+    /// instead.
     fn object(&mut self, class: Value<'a>) -> Result<(), Fault> {
         if !matches!(class, Value::Foreign(_)) {
             return malformed!(

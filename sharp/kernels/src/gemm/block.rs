@@ -22,7 +22,7 @@ pub(crate) struct ProductBlock<'a> {
     pub(crate) panels: Range<usize>,
     pub(crate) epilogue: Epilogue<'a>,
     pub(crate) out: SharedOut<'a>,
-    /// Distance between rows in `out`; used if the rows are equally spaced.
+    /// Distance between rows in `out`, in elements; used only if the rows are equally spaced.
     pub(crate) out_stride: usize,
 }
 

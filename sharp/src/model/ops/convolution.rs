@@ -199,7 +199,8 @@ pub(in crate::model) fn deconvolution(
     apply(kernels, Deconvolution { input, output }, &[x, weights])
 }
 
-/// `[1, height, width, channels]` to `[1, height / size, width / size, size² · channels]`.
+/// Turns each block into one pixel: `[1, height, width, channels]` to `[1, height / size, width / size, size² ·
+/// channels]`.
 fn blocks_as_pixels(x: &Tensor, size: usize) -> Result<Tensor> {
     let (_, h, w, c) = x.dims4()?;
     x.reshape((h / size, size, w / size, size, c))?

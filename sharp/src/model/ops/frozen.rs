@@ -135,7 +135,7 @@ impl Operation for Maxima {
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
         let x = &inputs[0];
         let (_, height, width, _) = x.dims4()?;
-        // Number of rows and columns from the first window's first pixel to the last window's, both
+        // Number of rows and columns from the first window's first pixel to the last window's first pixel, both
         // included.
         let [rows, columns] = [height, width].map(|side| (side - self.side) / 2 * 2 + 1);
         let tap = |tap: usize| {

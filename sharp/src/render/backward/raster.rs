@@ -19,13 +19,13 @@ use std::f64::consts::LN_2;
 /// Sums over the pixels of one splat.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct SplatSums<S = f32> {
-    /// Sum of `α ∂α`: the opacity's gradient times the opacity.
+    /// Sum of `α ∂L/∂α`: the opacity's gradient times the opacity.
     pub(super) opacity: S,
     pub(super) color: [S; 3],
     pub(super) z: S,
-    /// Sum of `a = ∂/∂(p dx + q dy)`.
+    /// Sum of `a = ∂L/∂(p dx + q dy)`.
     pub(super) across: S,
-    /// Sum of `b = ∂/∂(r dy)`.
+    /// Sum of `b = ∂L/∂(r dy)`.
     pub(super) along: S,
     /// Sums of `a dx`, `a dy`, `b dy`: the gradients of p, q, r.
     pub(super) factor: [S; 3],

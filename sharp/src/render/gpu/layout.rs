@@ -51,7 +51,7 @@ shared! {
 }
 
 impl ViewUniform {
-    /// For a scene of `count` Gaussians that stores harmonics up to `degree`.
+    /// Describes a view to the shaders, for a scene of `count` Gaussians that stores harmonics up to `degree`.
     pub(super) fn new(
         view: &ViewConstants,
         colors: Option<ViewColors>,
