@@ -160,7 +160,7 @@ fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
     })
 }
 
-/// Number of views and interpretations that the check examines.
+/// Extent of a check: how many views, depth values and interpretations it examines.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Effort {
     /// Number of pairs of neighbouring views.

@@ -40,7 +40,7 @@ pub(super) struct Neighbours<'a> {
     pub(super) small: BTreeMap<usize, (SmallView, Vec<Sample>)>,
     /// True if depth belongs to the pose rather than the picture.
     pub(super) depth_by_pose: bool,
-    /// Views around the examined ones, whose depth is tested with other views' pictures.
+    /// Further views around the examined ones, for tests of single views and of other assignments.
     pub(super) around: BTreeMap<usize, SmallView>,
     /// Pairs of view indices (from, to) for projections: each view to its neighbour, and back.
     pub(super) carries: Vec<(usize, usize)>,
@@ -92,7 +92,7 @@ impl<'a> Neighbours<'a> {
         })
     }
 
-    /// The stride at which at most `samples` samples per view are projected.
+    /// Stride at which at most `samples` samples per view are projected; at least the stride of the check.
     pub(super) fn stride_of(&self, samples: usize) -> usize {
         let most = self.small.values().map(|(_, samples)| samples.len()).max();
         most.unwrap_or(0).div_ceil(samples).max(self.stride)

@@ -27,7 +27,7 @@ const SAMPLES_ELSEWHERE: usize = 500;
 
 type Read<'a> = Cow<'a, (SmallView, Vec<Sample>)>;
 
-/// For each view, the view whose picture, depth or pose it receives; `None` if it receives none.
+/// For each view, the view whose pose, depth or both its picture receives; `None` if it receives none.
 pub(super) type Assignment = Box<dyn Fn(usize) -> Option<usize>>;
 
 /// Assignments that result from common mistakes, with descriptions: shifts starting at one of
@@ -169,7 +169,7 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Pairs of views whose swap is tried: both views were read, and at least one is projected.
+    /// Pairs of views whose swap is tried: both views were read, and at least one is projected. None in a quick check.
     fn swaps(&self) -> Vec<(usize, usize)> {
         if !self.thorough {
             return Vec::new();
@@ -182,7 +182,8 @@ impl Neighbours<'_> {
         small.flat_map(others).collect()
     }
 
-    /// The poses of other views, with or without their depth, that explain pairs of neighbours best.
+    /// The poses of other views, with or without their depth, that explain pairs of neighbours best. Tried only in a
+    /// thorough check of a scene with few views.
     pub(super) fn elsewhere(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
         let n = self.views.len();
         if !self.thorough || !(MIN_VIEWS..=MAX_ALL).contains(&n) {
@@ -194,7 +195,7 @@ impl Neighbours<'_> {
         let found = found.map(|&moves| {
             let mut explained = as_read.to_vec();
             let (mut texts, mut assigned) = (Vec::new(), Vec::new());
-            // Every picture combined with the pose-dependent data of every view.
+            // Picture `i`, combined in turn with the parts `moves` of every view.
             let shown = |i: usize| -> Vec<Option<Read<'_>>> {
                 (0..n).map(|from| self.shown(i, from, moves)).collect()
             };

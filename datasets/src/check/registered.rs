@@ -54,8 +54,8 @@ fn zoomed(by: Registration, factor: f64) -> Registration {
 }
 
 impl Neighbours<'_> {
-    /// The shift and magnification with which depth maps fit the pictures best; `None` if no change
-    /// improves the fit.
+    /// The shift and magnification with which depth maps fit the pictures best. `None` if no registration is accepted,
+    /// or if depth belongs to the poses.
     pub(super) fn registered(&self, as_read: &[Explained]) -> Option<(Change, Vec<Explained>)> {
         if self.depth_by_pose {
             return None;

@@ -7,9 +7,8 @@ pub(super) fn is_reportable(factor: f64) -> bool {
     factor.ln().abs() > MIN_FACTOR.ln()
 }
 
-/// The factor with the least loss: tries `step`^-n … `step`^n, then factors in between, and rounds
-/// the best factor if the rounded one is as good. The second argument of `loss` is true during the
-/// coarse search.
+/// The factor with the least loss: tries `step`^-n … `step`^n, then factors in between, and rounds the best factor if
+/// the rounded one is about as good. The second argument of `loss` is true during the coarse search.
 pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
     let coarse = (-n..=n).map(|i| step.powi(i));
     let coarse = coarse.map(|factor| (loss(factor, true), factor));

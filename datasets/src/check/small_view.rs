@@ -35,7 +35,8 @@ pub(super) struct SmallView {
     pub(super) camera: Intrinsics,
     /// Block means in 8-bit levels; `None` if a mask excludes a pixel of the block.
     colours: Arc<[Option<[f32; 3]>]>,
-    /// Depth under the reader's interpretation; 0 where unknown. Empty if the view has no depth.
+    /// Depth at the centre of each block, or else the block's smallest depth, under the reader's interpretation; 0
+    /// where unknown. Empty if the view has no depth.
     depth: Arc<[f32]>,
 }
 

@@ -109,7 +109,7 @@ impl Neighbours<'_> {
         Some((Change::Views(sentence), explained))
     }
 
-    /// These views and those around them, with every pair of neighbours; `None` if there are no
+    /// These views and those around them, with every pair of neighbours. `None` in a thorough check, or if there are no
     /// views around them.
     fn wider(&self) -> Option<Self> {
         let around = self.around.iter().filter(|(_, view)| view.has_depth());

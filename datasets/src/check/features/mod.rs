@@ -207,10 +207,10 @@ impl<'a> Matches<'a> {
         Some(compared(&as_read, &other)?.evidence())
     }
 
-    /// Finds pairs (a view in `starts` and the next one) whose matches are explained by the poses
-    /// of two other views, but not by their own. Returns a sentence for each pair, with the matches
-    /// explained. Returns nothing if any pair remains unexplained or two pictures would share a
-    /// pose: among so many poses, some fit by chance.
+    /// Finds pairs (a view in `starts` and the next one) whose matches are explained by the poses of two other views,
+    /// but not by their own. Returns a sentence for each pair, with the matches explained. Returns nothing if a pair
+    /// with enough matches remains unexplained, or if two pictures would share a pose. Among so many poses, some fit by
+    /// chance.
     fn all_elsewhere(
         &self,
         starts: &BTreeSet<usize>,
@@ -237,7 +237,8 @@ impl<'a> Matches<'a> {
         }
     }
 
-    /// The poses of other views that explain most of the matches of a view and the next one.
+    /// The poses of two views that explain most of the matches of view `first` and the next one. `None` if no poses
+    /// explain enough of them, or if the pictures' own poses explain too many of them.
     fn elsewhere(&self, first: usize, as_read: &[Option<bool>]) -> Option<Elsewhere> {
         let all = 0..self.views.len();
         let some = evenly_spaced(self.views.len(), MAX_TRIED);
@@ -399,7 +400,7 @@ fn miss(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f6
 }
 
 /// The pixel of each cell that is most like a corner: the one whose smaller variation, horizontal or vertical, is
-/// largest.
+/// largest. Flat cells are omitted.
 fn features(grey: &Grey) -> Vec<(u32, u32)> {
     let (w, h) = grey.size();
     let margin = RADIUS + 1;
