@@ -92,7 +92,7 @@ impl<'a> SceneBuilder<'a> {
     /// a pinhole camera if its lens requires it.
     ///
     /// # Errors
-    /// If the view's lens cannot be resampled to a pinhole; names the picture.
+    /// If the scaled camera is invalid, or the view's lens cannot be resampled to a pinhole; names the picture.
     pub(crate) fn add(&mut self, mut frame: PosedFrame) -> Result<(), DatasetError> {
         frame.lens = self.sizes.fit(frame.lens, &frame.image)?;
         self.views
@@ -115,8 +115,8 @@ impl<'a> SceneBuilder<'a> {
         first.map_or_else(PathBuf::new, Path::to_owned)
     }
 
-    /// Adds a note on the files in `folders` that no view uses, with the reason given for each
-    /// folder. Excluded pictures are left out, because they have notes of their own.
+    /// Adds a note on the files in `folders` that no view uses, with the reason given for each folder. Pictures of
+    /// excluded frames are not listed, because they have notes of their own.
     pub(crate) fn note_unused(&mut self, folders: &[(PathBuf, &'static str)]) {
         let used = self.views.iter().flat_map(|view| view.content.files());
         let known = self.seen.iter().chain(&self.of_left_out).cloned();

@@ -48,8 +48,9 @@ impl Root {
         Ok(search.found)
     }
 
-    /// Files of a folder, keyed by name; empty if the folder does not exist. Only symbolic links need a system call
-    /// each. Links that lead outside the root are excluded and added to `left_out`.
+    /// Files of a folder, keyed by name, without hidden ones; empty if the folder does not exist. Links that lead
+    /// outside the root are excluded and added to `left_out`, as is a folder that cannot be read. Only symbolic links
+    /// need a system call each.
     pub(crate) fn files_in(
         &self,
         folder: &Path,

@@ -307,7 +307,7 @@ impl Explained {
         left
     }
 
-    /// Adds the colours of samples that land in `b`.
+    /// Compares the colours of samples that land in `b`, and adds the losses of these samples.
     fn compare_colours(&mut self, landings: &[Landing], b: &SmallView) {
         for landing in landings {
             let tile = &mut self.tiles[landing.tile];
