@@ -43,8 +43,8 @@ impl Root {
         })
     }
 
-    /// Allows names and links to lead outside the folder, for files that the user trusts. Errors
-    /// mention the setting that allows this.
+    /// Sets whether names and links may lead outside the folder, for files that the user trusts. Errors mention the
+    /// setting that allows this.
     pub(crate) fn allowing_outside(self, outside_allowed: bool) -> Self {
         Self {
             outside_allowed,
@@ -71,7 +71,7 @@ impl Root {
     ///
     /// # Errors
     /// [`DatasetError::Malformed`] if the name is absolute or leads outside the root, by `..` or through a symbolic
-    /// link.
+    /// link, unless the root allows this.
     pub fn resolve(&self, base: &Path, name: &str) -> Result<PathBuf, DatasetError> {
         self.resolve_listed(&self.given, base, name)
     }
