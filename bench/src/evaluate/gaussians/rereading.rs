@@ -196,14 +196,14 @@ impl Trial<'_> {
         let sides = [f64::from(k.width), f64::from(k.height)];
         let [across, down] = [0, 1].map(|axis| {
             let mut along: Vec<f64> = centres.iter().map(|centre| centre[axis]).collect();
-            along.sort_by(f64::total_cmp);
+            along.sort_unstable_by(f64::total_cmp);
             let beyond = along.len() / 1000;
             let ends = along.get(beyond).zip(along.iter().rev().nth(beyond));
             let (low, high) = ends.map(|(low, high)| (*low, *high))?;
             let extent = (high - low) / sides[axis];
             let is_inside = low + principal[axis] > -0.05 * sides[axis]
                 && high + principal[axis] < 1.05 * sides[axis];
-            // The outermost centres are half a step of the grid inside of it.
+            // 1.002 makes up for the thousandth of the centres that is ignored at either end.
             (is_inside && extent > MIN_SPREAD).then(|| {
                 let zoom = 1.0 / (extent * 1.002);
                 (zoom, -zoom * low - principal[axis])
@@ -230,7 +230,8 @@ impl Trial<'_> {
         view.rule = self.rule.unwrap_or(view.rule);
         view.rule.low_pass = 0.0;
         let area = mean_area(&gaussians.subset(&inside), &view);
-        std::f64::consts::TAU * area * inside.len() as f64 / f64::from(k.width * k.height)
+        std::f64::consts::TAU * area * inside.len() as f64
+            / (f64::from(k.width) * f64::from(k.height))
     }
 
     /// Compares [`Trial::rendered`] with this trial's part of the photograph.

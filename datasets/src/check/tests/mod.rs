@@ -13,6 +13,7 @@ use image::{GrayImage, RgbImage};
 
 use super::advice::Units;
 use super::{Effort, check, look};
+use crate::processing::Processing;
 use crate::required_files::FileRole;
 use crate::synthetic::{SyntheticOptions, SyntheticScene};
 use crate::view::evenly_spaced;
@@ -60,7 +61,24 @@ impl ViewContent for Pixels {
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
-        Ok(self.depth.clone())
+        let mut depth = self.depth.clone();
+        if let (Some(depth), Some(valid)) = (&mut depth, &self.valid) {
+            let excluded = depth.iter_mut().zip(valid.iter());
+            let excluded = excluded.filter(|(_, keep)| **keep == 0);
+            excluded.for_each(|(z, _)| *z = 0.0);
+        }
+        Ok(depth)
+    }
+
+    fn stored_depth(&self) -> Result<Option<(PathBuf, DepthMap)>, DatasetError> {
+        Ok(self.depth.clone().map(|depth| (PathBuf::new(), depth)))
+    }
+
+    fn processing(&self) -> Processing {
+        Processing {
+            masked: self.valid.is_some(),
+            ..Processing::default()
+        }
     }
 
     fn image_file(&self) -> Option<&Path> {

@@ -737,32 +737,84 @@ fn units_that_change_within_a_scene_are_named() {
     }
 }
 
+/// Multiplies depth by a power of the length of the pixels' rays with z = 1.
+fn times_ray_length(views: &mut [View], power: i32) {
+    for view in views {
+        let k = view.intrinsics;
+        let length = |x: u32, y: u32| {
+            let place = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+            k.unproject(place, 1.0).length().powi(power) as f32
+        };
+        change(std::slice::from_mut(view), |c| {
+            let pixels = c
+                .depth
+                .iter_mut()
+                .flat_map(|depth| depth.enumerate_pixels_mut());
+            pixels.for_each(|(x, y, z)| z.0[0] *= length(x, y));
+        });
+    }
+}
+
 /// Maps of ray lengths that are read as z, and maps of z that are read as ray lengths.
 #[test]
 fn lengths_of_rays_are_named_either_way() {
-    fn times(views: &mut [View], power: i32) {
-        for view in views {
-            let k = view.intrinsics;
-            let length = |x: u32, y: u32| {
-                let place = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
-                k.unproject(place, 1.0).length().powi(power) as f32
-            };
-            change(std::slice::from_mut(view), |c| {
-                let pixels = c
-                    .depth
-                    .iter_mut()
-                    .flat_map(|depth| depth.enumerate_pixels_mut());
-                pixels.for_each(|(x, y, z)| z.0[0] *= length(x, y));
-            });
-        }
-    }
     named(&[
         (
-            |v| times(v, 1),
+            |v| times_ray_length(v, 1),
             "the stored depth is the length of rays, not z",
         ),
-        (|v| times(v, -1), "the stored depth is already z"),
+        (|v| times_ray_length(v, -1), "the stored depth is already z"),
     ]);
+}
+
+/// With many views, neighbours hardly move, so that their depths agree under either interpretation.
+#[test]
+fn lengths_of_rays_show_in_colours() {
+    for seed in worlds(0..2, 1) {
+        let right = views_of(SyntheticOptions {
+            seed,
+            width: SIZE.0,
+            height: SIZE.1,
+            views: 25,
+            samples: 1,
+            ..SyntheticOptions::default()
+        });
+        let mut wrong = right[..9].to_vec();
+        assert_eq!(found(&wrong), [""; 0], "{seed}");
+        times_ray_length(&mut wrong, 1);
+        let said = found(&wrong);
+        let named = "the stored depth is the length of rays";
+        assert!(said.len() == 1 && said[0].contains(named), "{said:?}");
+    }
+}
+
+/// The masks keep what has no depth, and nothing else.
+#[test]
+fn masks_that_exclude_all_depth_are_named() {
+    let mut wrong = views(0, SIZE);
+    change(&mut wrong, |c| {
+        let middle = |x: u32| x > SIZE.0 / 3;
+        c.depth = c.depth.take().map(|depth| {
+            DepthMap::from_fn(depth.width(), depth.height(), |x, y| {
+                let z = depth.get_pixel(x, y).0[0];
+                image::Luma([if middle(x) { z } else { 0.0 }])
+            })
+        });
+    });
+    let masked = |keep: bool| {
+        let mut views = wrong.clone();
+        change(&mut views, |c| {
+            let (width, height) = c.picture.dimensions();
+            c.valid = Some(image::GrayImage::from_fn(width, height, |x, _| {
+                image::Luma([if (x > SIZE.0 / 3) == keep { 255 } else { 0 }])
+            }));
+        });
+        found(&views)
+    };
+    assert_eq!(masked(true), [""; 0]);
+    let said = masked(false);
+    let named = "the masks exclude 100.0 % of the pixels that have depth";
+    assert!(said.iter().any(|text| text.contains(named)), "{said:?}");
 }
 
 #[test]

@@ -857,6 +857,22 @@ fn another_view_as_the_source_is_named_and_not_called_a_shift() {
     let text = pair.said(discs);
     assert!(text.contains("with `focal=1.4"), "{text}");
     assert!(!text.contains("` and `"), "{text}");
+    // A grid of half the size under the full size's intrinsics takes up the upper left quarter.
+    let k = pair.scene.views[0].intrinsics;
+    let corner = DMat3::from_cols(
+        DVec3::X * 0.5,
+        DVec3::Y * 0.5,
+        DVec3::new(-0.5 * k.cx / k.fx, -0.5 * k.cy / k.fy, 1.0),
+    );
+    let mut quarter = mapped(&proper, DAffine3::from_mat3(corner));
+    for (scales, proper) in quarter.scales.iter_mut().zip(&proper.scales) {
+        *scales = proper.map(|scale| scale / 2.0);
+    }
+    let text = pair.said(quarter);
+    assert!(
+        text.contains("`shift=") && text.contains("`focal=2"),
+        "{text}"
+    );
 }
 
 /// Nearer Gaussians cover farther ones, which moves the rendering of a correct file up. A file whose Gaussians are
