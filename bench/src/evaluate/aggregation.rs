@@ -10,8 +10,8 @@ use sharp_statistics::mean;
 
 use super::record::Record;
 
-/// How scores are averaged over pairs. Means under different rules are different values, because the rule determines
-/// the weight of a scene with many pairs.
+/// Rule for averaging scores over pairs. It determines the weight of a scene with many pairs, so means under different
+/// rules are different values.
 #[derive(
     Debug,
     Clone,

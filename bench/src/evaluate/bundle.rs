@@ -265,7 +265,7 @@ impl Bundle {
     /// same evaluation, wherever their files are.
     ///
     /// # Errors
-    /// If serialisation fails; in memory, it does not.
+    /// If serialisation fails, which does not happen in memory.
     pub fn content_sha256(&self) -> serde_json::Result<String> {
         let mut manifest = self.results.manifest.clone();
         for dataset in &mut manifest.datasets {

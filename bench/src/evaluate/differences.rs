@@ -281,7 +281,7 @@ fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
 }
 
 /// The folder's manifest after adding `new` to `before`. Also returns [`ManifestDifference::replaced`] for each
-/// difference because of which tables no longer show some earlier results.
+/// difference that makes tables hide earlier results.
 ///
 /// # Errors
 /// If the manifests differ in a fact that all results of a folder must share, such as renderer, kernels or protocol.
@@ -303,7 +303,7 @@ pub(super) fn extended(
         });
     }
     let replaced = of(Replaced).map(ManifestDifference::replaced).collect();
-    // If `new` uses no network, remaining columns may stem from the earlier networks, so keep the record of those.
+    // If `new` uses no network, columns kept from `before` may still depend on its networks, so keep their record.
     let metric_networks = if new.has_networks() {
         new.metric_networks
     } else {

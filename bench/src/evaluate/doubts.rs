@@ -67,9 +67,10 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
     doubts
 }
 
-/// Warns about sources whose Gaussians reproduce the photograph much worse than those of the scene's other sources. If
-/// there are none, compares with the dataset's other sources instead, and reports only renderings that are worse than a
-/// uniform picture. Finds wrong files among the many sources for which the source check tries no other readings.
+/// Warns about sources whose Gaussians reproduce the photograph much worse than those of other sources. Compares the
+/// sources of each scene first. If no scene has outliers, compares all sources of each dataset and reports only
+/// renderings that are worse than a uniform picture. Finds wrong files among the many sources for which the source
+/// check tries no other readings.
 fn outlying_sources<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,

@@ -142,7 +142,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             let configs = request.config.iter_mut().flat_map(|c| &mut c.datasets);
             configs.for_each(|dataset| recipe.pin(dataset));
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
-            // Record the files because of which pairs are missing, for the manifest and the report.
+            // Record the files that cause missing pairs, for the manifest and the report.
             for problem in built.build.left_out() {
                 let mut scenes = request.datasets.iter_mut().flat_map(|d| &mut d.scenes);
                 let is_of = |scene: &&mut Scene| {

@@ -26,7 +26,7 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::{OpenDataset, PairList};
 use crate::scoring::{Region, Scoring};
 
-/// Computes those scores of a folder's kept predictions that are missing under the given metrics.
+/// Computes the scores under the given metrics that a folder's kept predictions do not have yet.
 ///
 /// # Errors
 /// If the folder or its datasets cannot be read, or LPIPS and DISTS were previously computed on another device.

@@ -13,20 +13,20 @@ const INVERSE_SIGNIFICANCE: f64 = 2.5;
 /// less.
 const MIN_FACTOR: f64 = 1.5;
 /// Another unit is reported only if the logarithm of the factor exceeds this multiple of the spread of the logarithmic
-/// depth ratios, which prediction errors cause.
+/// depth ratios. Prediction errors cause that spread.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
-/// Minimum number of compared pixels from which depths are tested for being ray lengths.
+/// Minimum number of compared pixels for testing whether depths are ray lengths.
 const FEWEST_RAYS: usize = 300;
-/// Minimum spread of the logarithmic depth ratios from which depths are tested for being ray lengths. In a narrow field
-/// of view, ray lengths hardly differ from depths.
+/// Minimum spread of the logarithmic depth ratios for testing whether depths are ray lengths. In a narrow field of
+/// view, ray lengths hardly differ from depths.
 const MIN_SPREAD: f64 = 0.01;
 /// Ray lengths are reported only if correcting for them reduces the spread of the logarithmic depth ratios to this
 /// fraction or less.
 const LEFT_BY_RAYS: f64 = 0.4;
 
-/// Warns if the rendered depth seems to have another unit than the true depth, to be inverse depth, or to result from
-/// confusing depth with ray length, unless prediction errors explain the difference. For another unit, also returns the
-/// ratio of rendered to true depth.
+/// Warns if the rendered depth differs from the true depth by more than prediction errors explain, as if it had another
+/// unit, were inverse depth, or were confused with ray length. For another unit, also returns the ratio of rendered to
+/// true depth.
 pub(super) fn depth_doubt(
     truth: &DepthMap,
     seen: &DepthMap,
@@ -81,8 +81,8 @@ pub(super) fn depth_doubt(
              mistaken for ray lengths",
         ),
     ] {
-        // The full correction must leave less spread than no correction, half of the correction, and 1.5 times the
-        // correction.
+        // The spread after the full correction must be below the spreads after half and after 1.5 times the correction,
+        // and well below the spread without correction.
         let left = |share: f64| Some(middle_and_spread(1.0, share * of_ray)?.1);
         let (half, own, more) = (left(0.5)?, left(1.0)?, left(1.5)?);
         let is_ray = spread >= MIN_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);

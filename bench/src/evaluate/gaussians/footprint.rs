@@ -10,7 +10,8 @@ use crate::rendering::shared::HOLE_ALPHA;
 
 /// Holes are reported if at least this share of the pixels is empty.
 pub(in crate::evaluate) const MIN_HOLES: f64 = 0.02;
-/// The photograph has one colour in the holes if at least this share of their pixels has it.
+/// Minimum share of the holes' pixels that are white (or black) in the photograph for [`other_background`] to advise
+/// that colour.
 const MIN_PLAIN: f64 = 0.9;
 /// Side of a tile, pixels, as in gsplat.
 const TILE: f64 = 16.0;

@@ -53,7 +53,7 @@ impl GaussianStore {
     }
 
     /// The prediction of a key, with the wall time of the original prediction. If it is neither in memory nor on disk,
-    /// `predict` makes it; without `predict`, the result is then `None`.
+    /// calls `predict`, or returns `None` without `predict`.
     pub(in crate::evaluate) fn get(
         &mut self,
         key: &str,

@@ -276,8 +276,8 @@ impl Likeness {
         self.gains(other, [|e| e.error; 2], MARGIN, SIGNIFICANCE)
     }
 
-    /// Whether this picture's squared error, as it is, is significantly smaller than that of `other` after fitting
-    /// brightness and contrast.
+    /// Whether this picture's squared error, without any fit, is significantly smaller than that of `other` after
+    /// fitting brightness and contrast.
     pub(in crate::evaluate) fn is_nearer_than_exposed(&self, other: &Self) -> bool {
         self.gains(
             other,
@@ -287,8 +287,8 @@ impl Likeness {
         )
     }
 
-    /// Whether this picture's squared error, as it is, is at most slightly larger than that of `other` after fitting
-    /// brightness and contrast.
+    /// Whether this picture's squared error, without any fit, is at most slightly larger than that of `other` after
+    /// fitting brightness and contrast.
     pub(in crate::evaluate) fn is_as_near_as_exposed(&self, other: &Self) -> bool {
         self.error() <= MAX_ABOUT_EQUAL * Errors::of(other.total).residual
     }

@@ -60,7 +60,8 @@ impl Trial<'_> {
             moved: [0.5; 2],
             ..*self
         };
-        // At the pixels' centres, narrow Gaussians copy a photograph's noise, which correct ones smooth.
+        // Narrow Gaussians at the pixels' centres copy the photograph's noise, so they must also match between the
+        // centres.
         let fits_between = |narrower: &Gaussians| -> Result<bool, RenderError> {
             let [own, other] = [gaussians, narrower].map(|of| moved.fit(of, map));
             Ok(matches!((own?, other?), (Some(own), Some(other)) if other.gain_over(&own) > 0.0))
@@ -119,7 +120,8 @@ impl Trial<'_> {
                 let turned = turn * DQuat::from_xyzw(x, y, z, w);
                 *quaternion = [turned.w, turned.x, turned.y, turned.z].map(|v| v as f32);
             }
-            // Skip turns that show the Gaussians more edge-on: this sharpens a rendering whose Gaussians are too wide.
+            // Skip turns that show the Gaussians more edge-on: they would only sharpen a rendering whose Gaussians are
+            // too wide.
             if self.mean_area(&other, placement) >= MIN_FACING_AREA * own_area
                 && let Some(fit) = self.fit(&other, map)?
                 && fit.is_better_than(as_read)

@@ -45,7 +45,7 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
 }
 
 /// The horizontal and vertical factors by which `picture` must be enlarged about `center` (in pixels) to match the
-/// photograph: a common factor to the powers `along`. `None` if both are about 1.
+/// photograph. They are one common factor raised to the powers `along`. `None` if both are about 1.
 pub(in crate::evaluate) fn zoom(
     photograph: &RgbImage,
     picture: &RgbImage,

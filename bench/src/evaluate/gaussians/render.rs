@@ -17,10 +17,9 @@ use crate::rendering::pose_alignment::fit_camera;
 use crate::rendering::shared::{HOLE_ALPHA, surface_depth};
 use crate::scoring::GroundTruth;
 
-/// A fitted camera causes a warning if the fit turned it by more than this, in degrees.
+/// Maximum rotation of a fitted camera without a warning, in degrees.
 const FAR_TURNED: f64 = 15.0;
-/// A fitted camera causes a warning if the fit moved it by more than this share of the median
-/// depth.
+/// Maximum motion of a fitted camera without a warning, as a share of the median depth.
 const FAR_MOVED: f64 = 0.25;
 
 /// The factor from predicted to true depth: the median of their ratios (the paper's eq.

@@ -23,7 +23,7 @@ use crate::scoring::Region;
 
 /// A reading is tried only if at most this many Gaussians cover a pixel on average; no photograph needs more.
 const MAX_LAYERS: f64 = 3000.0;
-/// A reading is tried in other views only if it gains at least this in the source's view, in dB.
+/// Minimum gain in the source's view, in dB, for a reading to be tried in other views.
 const MIN_SOURCE_GAIN_DB: f64 = 0.25;
 /// Another form of the stored numbers is ruled out if it makes the source's error larger by at least this, in dB.
 const RULED_OUT_LOSS_DB: f64 = 1.0;
@@ -34,23 +34,23 @@ const RULED_OUT_LOSS_OF_OPACITY_DB: f64 = 3.0;
 const MAX_ERROR_ELSEWHERE: f64 = 1.1;
 /// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because a shift must improve other views, too.
 const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
-/// A shift that gains at least this many dB in the source's view, with [flattened](Trial::flat_fits) Gaussians, is
-/// accepted even if other views do not improve. With poor Gaussians, half a pixel makes hardly any difference there.
+/// Gain in the source's view, in dB and with [flattened](Trial::flat_fits) Gaussians, from which a shift is accepted
+/// even if other views do not improve. In other views of poor Gaussians, half a pixel makes hardly any difference.
 const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 1.0;
 /// Another form of colours is preferred only if it gains at least this, in dB, because forms of colours may differ
 /// merely in brightness and contrast.
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
 /// [`MIN_RECOLORED_GAIN_DB`] for a form under which fitting brightness and contrast gains nothing more.
 const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
-/// Changes of the focal length by less than this fraction are small and must gain more, because a slight enlargement
-/// can improve the fit of Gaussians with wrong shapes by chance.
+/// Relative change of the focal length below which the change is small. Small changes must gain more, because a slight
+/// enlargement may improve the fit of misshapen Gaussians by chance.
 const SMALL_ZOOM: f64 = 0.05;
-/// A small change of the focal length is accepted only if it gains at least this, in dB, and the rendering has no holes,
-/// which an enlargement narrows.
+/// Minimum gain of a small change of the focal length, in dB. The rendering must also have no holes, because enlarging
+/// narrows them.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
-/// Gaussians are spread over the photograph only if they take up at least this share of its sides.
+/// Minimum extent of Gaussians that are spread over the photograph, as a share of its sides.
 const MIN_SPREAD: f64 = 0.1;
-/// Gaussians are spread over the photograph only if their extent grows by at least this factor.
+/// Minimum factor by which spreading over the photograph enlarges the Gaussians' extent.
 const MIN_SPREADING: f64 = 1.3;
 /// Standard deviations may be base-10 logarithms only if more than this many Gaussians cover a pixel on average.
 const WIDE_LAYERS: f64 = 500.0;
@@ -213,8 +213,8 @@ impl Trial<'_> {
         (x.max(y) >= MIN_SPREADING).then_some([[x, y], [right, bottom]])
     }
 
-    /// How many of the `gaussians` cover a pixel of this part of the picture on average. A Gaussian covers an ellipse of √2
-    /// standard deviations, whose area is its integral.
+    /// How many of the `gaussians` cover a pixel of this part of the picture on average. Each Gaussian counts as an
+    /// ellipse with radii of √2 standard deviations, whose area equals the Gaussian's integral.
     pub(super) fn overlap(&self, gaussians: &Gaussians, placement: Placement) -> f64 {
         let map = placement.camera_from_file(self.source);
         let k = self.intrinsics();
@@ -259,8 +259,8 @@ impl Trial<'_> {
         Ok(covered as f64 / alpha.len().max(1) as f64)
     }
 
-    /// Whether the source may see only the edge of the Gaussians: they are in world space, and cover most of a view in
-    /// `elsewhere` or `elsewhere` is empty.
+    /// Whether the source may see only the edge of the Gaussians. True for Gaussians in world space if they cover most
+    /// of a view in `elsewhere`, or if `elsewhere` is empty.
     pub(in crate::evaluate) fn is_whole_elsewhere(
         &self,
         gaussians: &Gaussians,
@@ -298,8 +298,8 @@ impl Trial<'_> {
         Ok(Some(output))
     }
 
-    /// Whether the form of the stored numbers in `other` remains possible. True if `other` explains this part better
-    /// than `reading`, or if neither explains it and `other` is not much worse.
+    /// Whether the form of the stored numbers in `other` remains possible. True if `other` fits this part better than
+    /// `reading`, or if `reading` does not explain the part and `other` fits only slightly worse.
     pub(in crate::evaluate) fn allows(
         &self,
         other: &FileReading,
@@ -312,8 +312,8 @@ impl Trial<'_> {
         };
         let other = self.fit_read(gaussians, reading, other)?;
         let gain = other.map_or(f64::NEG_INFINITY, |other| other.gain_over(&as_read));
-        // Be tolerant to forms of opacity: they hardly change the source's rendering, and opacities that were stored
-        // otherwise do not look like logarithms, or all lie between 0 and 1.
+        // Tolerate a larger loss for logarithmic or linear opacities. They hardly change the source's rendering, and
+        // opacities stored in another form do not look like logarithms, nor do they all lie between 0 and 1.
         let is_of_opacity = matches!(
             other_form.opacity,
             Some(StoredOpacity::Log | StoredOpacity::Linear)
@@ -324,10 +324,10 @@ impl Trial<'_> {
     }
 
     /// The best reading that explains the photograph significantly better than `as_read`, either in this part alone or
-    /// together with `neighbours` (other views of the scene), and that does not worsen the neighbours. The gain over
-    /// part and neighbours decides between several such readings, because wrongly rotated Gaussians may cover their own
-    /// source better than correct ones. `moves` are the shifts and zooms that align the rendering; `is_lost` says that
-    /// the rendering shows nothing, so that all axes are tried.
+    /// together with `neighbours` (other views of the scene). It must not worsen the neighbours. Several such readings
+    /// are ranked by the gain over part and neighbours, because wrongly rotated Gaussians may cover their own source
+    /// better than correct ones. `moves` are the shifts and zooms that align the rendering. `is_lost` states that the
+    /// rendering shows nothing, so that all axes are tried.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
@@ -447,8 +447,8 @@ impl Trial<'_> {
                         gain > *its_gain
                     }
                 });
-                // Skip orders of quaternions that show the Gaussians more edge-on: this sharpens a rendering whose
-                // Gaussians are too wide.
+                // Skip orders of quaternions that show the Gaussians more edge-on: they would only sharpen a rendering
+                // whose Gaussians are too wide.
                 let is_narrower = candidate.stored.quaternions != before.stored.quaternions
                     && area(&candidate) < MIN_FACING_AREA * area(before);
                 if is_better && !worse && is_closest && !is_narrower && !is_chance {

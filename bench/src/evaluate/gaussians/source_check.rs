@@ -2,9 +2,9 @@
 //! the view's photograph, tries other readings of the Gaussians' file.
 //!
 //! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendering into the source's own
-//! camera reveals all of these except a scale about that camera, which only depth reveals, so the rendered depth is
-//! recorded, too. For external files, other readings are tried (`add_doubts`) for three sources of each dataset, chosen
-//! by the list of pairs alone. This costs about as much as rendering a few small pictures.
+//! camera reveals all of these except a scale about that camera. Only depth reveals that scale, so the rendered depth
+//! is recorded, too. For external files, `add_doubts` tries other readings on three sources of each dataset, chosen by
+//! the list of pairs alone. This costs about as much as rendering a few small pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
@@ -294,7 +294,7 @@ struct Findings<'a> {
     /// Start of each sentence: how well the Gaussians, as read, reproduce the photograph.
     shown: String,
     as_read: Likeness,
-    /// Like `as_read`, but for a rendering of only this part, as in the comparisons of all other readings.
+    /// Like `as_read`, but rendered only in the compared part, as all other readings are.
     compared: Likeness,
     better: Option<(FileReading, Likeness)>,
     other: Option<OtherView<'a>>,
@@ -440,8 +440,8 @@ impl<'a> Findings<'a> {
                         _ => format!("`{setting}`"),
                     });
                 let named = named.collect::<Vec<_>>().join(" and ");
-                // If a setting fixes only half of the problem, it may have caused a warning of its own. Report it only
-                // once, together with the other half.
+                // The prediction may already have a warning about a setting that fixes only half of the problem. Report
+                // that setting once, together with the other half.
                 let half = settings
                     .iter()
                     .find(|s| prediction.warnings.contains_key(*s));

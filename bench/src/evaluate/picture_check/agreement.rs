@@ -20,8 +20,8 @@ const MIN_SHARE_DISTINCTIVE: f64 = 0.5;
 const MIN_SHARE_STRETCHED: f64 = 0.25;
 /// [`MIN_SHARE`] for changes that are [visible](PictureChange::is_visible).
 const MIN_SHARE_VISIBLE: f64 = 0.1;
-/// Pictures with a [clear](PictureChange::is_clear) change are named if at least this many have it, even if too few of
-/// the dataset's pictures have it for a finding on the dataset.
+/// Minimum number of pictures with a [clear](PictureChange::is_clear) change for naming them, even if they are too few
+/// for a finding on the dataset.
 const MIN_NAMED: usize = 2;
 /// Pictures with a clear change are named only if they are at least this share of the dataset's pictures.
 const MIN_SHARE_NAMED: f64 = 0.02;
@@ -32,8 +32,8 @@ const MIN_REPEATED: usize = 3;
 const MAX_UNEVEN: f64 = 8.0;
 /// [`MAX_UNEVEN`] as a share of the thickness; the larger of the two counts.
 const MAX_UNEVEN_SHARE: f64 = 0.1;
-/// Pictures count as stretched one by one only if their gains differ by at least this, in percent. Equal gains are
-/// rather due to another exposure.
+/// Minimum difference of gains, in percent, for pictures to count as stretched one by one. Equal gains rather indicate
+/// another exposure.
 const MIN_SPREAD: i16 = 5;
 
 /// The sentences of [`agreed_changes`], without crops and padding if a wrong camera explains them.
@@ -207,8 +207,8 @@ pub(crate) fn repeated_pictures(group: &PictureGroup<'_, &Record>) -> Option<Str
     repeated(&files.collect::<Vec<_>>())
 }
 
-/// Warns if some pictures are equal although their targets are not. Each picture is given as its name, and its own and
-/// its target's content.
+/// Warns if some pictures are equal although their targets are not. Each picture is given as its name and two contents:
+/// its own and its target's.
 pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
     let mut targets: BTreeMap<&T, BTreeSet<&T>> = BTreeMap::new();
     for (_, [picture, target]) in pictures {

@@ -33,10 +33,10 @@ fn wrong_camera_of(group: &PictureGroup<'_, &Record>) -> Option<(ShownCamera, us
         cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
     }
     wrong_camera(cameras.clone(), group.extent).or_else(|| {
-        // Pictures from a wrong camera that are too far from their targets resemble framings, each another one.
+        // Pictures from a wrong camera far from its target resemble framings, a different one in each picture.
         cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
         let found = wrong_camera(cameras, group.extent);
-        // Poor depth also gives other motions and framings.
+        // Poor depth can also cause other motions and framings, so another motion is no evidence here.
         found.filter(|(camera, ..)| !matches!(camera, ShownCamera::Moved(_)))
     })
 }
@@ -67,7 +67,7 @@ pub(crate) fn misplaced_pictures(group: &PictureGroup<'_, &Record>) -> Option<St
         shown.remove(&ShownTarget::SourceView);
     }
     let far_shift = far_shifted_pictures(group);
-    // These poses also move content across epipolar lines, but not alike in all pictures.
+    // A missing rotation or a reversed axis also moves content across epipolar lines, but not alike in all pictures.
     let is_shifted = |camera: &ShownCamera| {
         matches!(camera, ShownCamera::NoRotation | ShownCamera::Reversed(_)) && far_shift.is_some()
     };
@@ -131,7 +131,7 @@ pub(crate) fn misplaced(
     })
 }
 
-/// The wrong camera on which nearly all of the `cameras` agree, the number that agree, and the number of all. A wrong
+/// The wrong camera on which nearly all of the `cameras` agree, the number that agree, and the total number. A wrong
 /// scale of the motion in one scene does not count, because predictions from single photographs often have one.
 fn wrong_camera(cameras: Vec<ShownCamera>, extent: Extent) -> Option<(ShownCamera, usize, usize)> {
     let all = cameras.len();

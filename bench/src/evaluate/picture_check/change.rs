@@ -37,9 +37,8 @@ const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
 /// [`MIN_GAIN`] for another transfer function, in dB. If linear light was stored as sRGB, undoing it gains far more;
 /// undoing a wrong exposure gains less.
 const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
-/// If undoing a transfer function brings the sorted levels closer by at least this, in dB, it is reported even if
-/// changes of brightness and contrast fit about as well. Poor predictions, whose levels are not those of the
-/// photograph, gain less.
+/// Gain on the sorted levels, in dB, from which another transfer function is reported even if changes of brightness and
+/// contrast fit about as well. Poor predictions gain less, because their levels are not those of the photograph.
 const MIN_GAIN_BY_RANK: f64 = 8.0;
 /// [`MIN_GAIN`] for another range of levels, in dB, because other exposures resemble other ranges.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
@@ -70,7 +69,7 @@ const PERMUTATIONS: [(PictureChange, [usize; 3]); 5] = [
 const PALETTE: usize = 256;
 /// Pictures with fewer colours than this are nearly uniform rather than stored with a palette.
 const FEWEST_OF_PALETTE: usize = 16;
-/// A photograph has more colours than this if a picture with a palette cannot show it well.
+/// Number of colours beyond which a picture with a palette cannot show a photograph well.
 const MIN_COLOURS: usize = 16 * PALETTE;
 
 /// A colour space, its conversion to RGB, and the stored position of each of its channels. Positions are reversed if
@@ -221,8 +220,8 @@ fn undone_change(
     let encoded = |transfer: fn(f32) -> f32| {
         let level = |v: u8| quantize(transfer(f32::from(v) / 255.0), Quantization::Round);
         let changed = mapped(shown, |color| color.map(level));
-        // Compare levels sorted by rank, because they do not depend on position, and allow for brightness and contrast,
-        // because a mere change of exposure is not a transfer function.
+        // Compare sorted levels, which do not depend on position. Allow for brightness and contrast, because a mere
+        // change of exposure is not a transfer function.
         let by_rank = |of: &RgbImage| Likeness::of(&ranked(seen), whole, &ranked(of));
         let fit = nearer(&changed, MIN_GAIN_OF_TRANSFER);
         fit.filter(|_| {

@@ -190,7 +190,7 @@ fn blocks_of(target: &RgbImage) -> Vec<DVec2> {
 }
 
 impl FramedTarget<'_> {
-    /// The equations of those of the target's blocks that are found in a picture.
+    /// The equations of the target's blocks that are found in a picture.
     fn lines(&self, shown: &RgbImage) -> Vec<Line> {
         let (width, height) = self.target.dimensions();
         let [target, coarse] =

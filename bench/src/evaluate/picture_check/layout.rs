@@ -18,7 +18,7 @@ const MISSING: u32 = 5;
 const MAX_UNEVEN: u32 = 2;
 /// In interlaced pictures, neighbouring rows differ at least this many times as much as rows two apart.
 const MIN_STEPS: f64 = 1.2;
-/// [`MIN_STEPS`] as an upper limit, for rows of pictures that are not interlaced and for columns.
+/// Maximum of the ratio in [`MIN_STEPS`] for columns, and for rows of pictures that are not interlaced.
 const MAX_STEPS: f64 = 1.05;
 /// Share of the lines that are equal to the previous line in pictures enlarged by 1.3 to 16 times.
 const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;

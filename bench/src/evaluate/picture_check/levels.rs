@@ -46,9 +46,9 @@ const MIN_OFF_EQUAL_LINES: f64 = 5.0;
 /// A line describes a channel only if its correlation with the photograph's channel is at least this.
 const MIN_CORRELATION: f64 = 0.8;
 
-/// Whether a photograph's black and white became 16 and 235. The line that matches mean and standard deviation must map
-/// them there at two resolutions, and the picture's `ends` must lie in that range. Other losses of contrast give other
-/// levels.
+/// Whether a photograph's black and white became 16 and 235. At two resolutions, the line that matches mean and
+/// standard deviation must map black and white to these levels. The picture's `ends` must lie between them. Other
+/// losses of contrast give other levels.
 pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bool {
     let is_near = |width: u32| {
         let [seen, shown] = [seen, shown].map(|p| moments(narrowed(p, width).iter()));

@@ -179,8 +179,9 @@ pub(super) fn shown_camera(
             ShownCamera::Moved(_) => false,
             // Without a rotation, inverting the pose only negates the translation.
             ShownCamera::InversePose => is_turned,
-            // These resemble the source's view and multiples of the motion, so they count only if those explain fewer
-            // blocks. If the translation is along one axis, reversing that axis merely negates the motion.
+            // Such pictures resemble the source's view and multiples of the motion, so these causes count only if those
+            // simpler ones explain fewer blocks. If the translation is along one axis, reversing that axis merely
+            // negates the motion.
             ShownCamera::Reversed(axis)
                 if translation[usize::from(*axis)].abs()
                     >= MIN_ALONG_AXIS * translation.length() =>

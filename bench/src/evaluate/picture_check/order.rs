@@ -116,7 +116,7 @@ pub(crate) fn note_order(
     (record.shows, record.camera) = reconciled(shows, camera, gain);
 }
 
-/// Drops whichever of the view and the camera that a picture shows contradicts the other. `gain` computes how much
+/// If the view and the camera that a picture shows contradict each other, drops one of them. `gain` computes how much
 /// closer the picture is to the source's photograph than to the target's, in dB.
 fn reconciled(
     shows: Option<ShownTarget>,

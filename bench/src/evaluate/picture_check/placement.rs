@@ -23,8 +23,8 @@ const MIN_COVERED: f64 = 0.5;
 const MIN_RESIZED: f64 = 0.018;
 /// An edge counts as unmoved if it is off by less than this fraction of the picture's size.
 const MAX_UNMOVED: f64 = 0.009;
-/// Another place of the photograph in the picture is reported only if comparing them there reduces the error by at
-/// least this, in dB.
+/// Minimum gain, in dB, for reporting another place of the photograph in the picture. The gain is that of comparing
+/// them at this place instead of unmoved.
 const MIN_PLACE_GAIN_DB: f64 = 1.5;
 /// Panels are reported only if a part of the picture is closer to the whole photograph than to the same part of the
 /// photograph by at least this, in dB.

@@ -13,11 +13,11 @@ const SAMPLED: usize = 8;
 const SHIFTS_MEASURED: usize = 24;
 /// Number of pairs per scene whose pictures are compared in addition, evenly spaced.
 const SAMPLED_IN_SCENE: usize = 6;
-/// At most this many scenes of a dataset are sampled in this way, evenly spaced, to save time.
+/// Maximum number of scenes per dataset that are sampled in addition, evenly spaced. Saves time.
 const MAX_SCENES: usize = 32;
 /// Number of other targets with which each sampled picture is compared.
 const OTHERS: usize = 12;
-/// Pictures are compared, and findings reported, only if at least this many pictures are available or affected.
+/// Minimum number of pictures for a comparison, and of affected pictures for a finding.
 pub(super) const FEWEST: usize = 3;
 
 /// The pairs whose pictures are compared with more than their own target, by id.
@@ -25,7 +25,7 @@ pub(super) const FEWEST: usize = 3;
 pub(crate) struct PictureSample<'a> {
     /// For each of these pairs, the other pairs whose targets its picture is compared with.
     pub(super) others: BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>,
-    /// Pairs whose pictures' shift is measured, in addition.
+    /// Pairs whose pictures' shift is measured, chosen independently of `others`.
     pub(super) shifts: BTreeSet<String>,
 }
 

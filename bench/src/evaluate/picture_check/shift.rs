@@ -28,9 +28,9 @@ const MIN_PICTURES: usize = 3;
 const MIN_SUM_OF_SHARES: f64 = 0.5;
 /// A shift is reported only if at least this share of the pictures that could show it agree.
 const MIN_SHARE: f64 = 0.65;
-/// A picture agrees with a shift that explains at least this share of the squared displacements of its edges. Pictures
-/// in which the shift would explain less even if they had exactly this shift are left out. In good predictions, half a
-/// pixel explains a third and more; without a shift, the best one explains a few hundredths.
+/// Minimum share of the squared displacements of a picture's edges that a shift explains if the picture agrees with it.
+/// Pictures that would not reach this share even with exactly this shift are left out. In good predictions, a shift by
+/// half a pixel explains a third or more. Without a shift, the best fit explains a few hundredths.
 const MIN_EXPLAINED: f64 = 0.08;
 /// [`MIN_EXPLAINED`] and [`MIN_SHARE`] for shifts measured in blocks. Such a shift explains nearly all displacements, but
 /// poor predictions have large displacements, too.
@@ -166,7 +166,7 @@ fn smoothed(of: &GrayImage) -> ImageBuffer<Luma<f32>, Vec<f32>> {
     })
 }
 
-/// A shift, and the shares of their squared displacements that it explains in pictures that can show it.
+/// A shift and, for each picture that can show it, the share of that picture's squared displacements that it explains.
 struct Agreement {
     shift: DVec2,
     shares: Vec<f64>,
@@ -184,8 +184,8 @@ impl Agreement {
         Self { shift, shares }
     }
 
-    /// Counts the pictures of which the shift explains at least a share of `min_explained`; `None` if they are fewer than
-    /// `min_share` of all, or too few.
+    /// Number of pictures in which the shift explains at least the share `min_explained`. `None` if these are too few,
+    /// less than `min_share` of all, or explain less than [`MIN_SUM_OF_SHARES`] in sum.
     fn count(&self, extent: Extent, min_explained: f64, min_share: f64) -> Option<usize> {
         let agreeing = self.shares.iter().filter(|share| **share >= min_explained);
         let count = agreeing.clone().count();

@@ -43,8 +43,8 @@ const MAX_EXPLAINED_ERROR: f64 = 0.25;
 /// A curve with more parameters is preferred only if it reduces the squared error to at most this fraction of the
 /// simpler curve's.
 const MAX_BETTER_ERROR: f64 = 0.6;
-/// A cubic curve is told only if it reduces the squared error to at most this fraction of the best line's, or if it
-/// raises contrast at least by [`MIN_RAISED_CONTRAST`], which no blurring or hedging method does.
+/// A cubic curve is reported only if its squared error is at most this fraction of the best line's, or if it raises
+/// contrast at least by [`MIN_RAISED_CONTRAST`]. Methods that blur or hedge never raise contrast.
 const MAX_CUBIC_ERROR: f64 = 0.35;
 const MIN_RAISED_CONTRAST: f64 = 1.15;
 /// A cubic curve is told only if the root mean square difference that it leaves is at most this, in levels. Poor
@@ -53,21 +53,22 @@ const MAX_OFF_CUBIC: f64 = 5.0;
 /// A difference in exposure between sources and targets is reported only if at least this share of the pictures follow
 /// their sources.
 const MIN_FOLLOWING: f64 = 0.4;
-/// A curve that changes contrast needs a mean difference of at least this fraction of the root mean square difference,
-/// unless it explains the levels clearly better than a mere loss of contrast.
+/// Minimum mean difference of the levels for a curve that changes contrast, as a fraction of their root mean square
+/// difference. Not required if the curve explains the levels clearly better than a mere loss of contrast.
 const MIN_MEAN_SHARE: f64 = 0.7;
 /// Gains are a white balance if those of two channels differ at least by this factor.
 const MIN_BALANCE: f64 = 1.06;
 /// The rings that are compared (middle, halfway, corners) as ranges of the squared distance from the middle, which is 1
 /// at the corners.
 const RINGS: [(f64, f64); 3] = [(0.0, 0.12), (0.3, 0.5), (0.65, 1.0)];
-/// Corners are dark only if the natural logarithm of their brightness is lower by at least this.
+/// Minimum darkening of dark corners. Darkening is the natural logarithm of picture / target brightness in the middle,
+/// minus that in the corners.
 const MIN_DARKENING: f64 = 0.16;
 /// A picture's darkening, as a natural logarithm, agrees with the others' if it differs by at most this.
 const MAX_UNEVEN: f64 = 0.12;
-/// Halfway to the corners, dark corners cause at least this share of their own darkening.
+/// Minimum darkening halfway to the corners, as a share of the corners' own darkening.
 const MIN_BETWEEN: f64 = 0.15;
-/// Halfway to the corners, dark corners cause at most this share of their own darkening.
+/// Maximum darkening halfway to the corners, as a share of the corners' own darkening.
 const MAX_BETWEEN: f64 = 0.85;
 
 /// Colour spaces with wider primaries than sRGB, with [`Tone::mixed`] of sRGB's colours in them (IEC 61966-2-1, Adobe RGB
