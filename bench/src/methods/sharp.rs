@@ -66,8 +66,8 @@ impl Sharp {
             ..named.map_err(|error| refused(&error))?
         };
         let sharp = Self::new(&spec.label, network, depth).map_err(|error| refused(&error))?;
-        // If the user did not name a checkpoint, the official one that was found must equal that of the first use. Not
-        // being able to write the cache is no error.
+        // If the user named no checkpoint, the official one found now must equal that of the first use. Failing to
+        // write the cache is no error.
         if let (None, Some(record)) = (checkpoint, record_file(RELEASE_FILE)) {
             let Self {
                 network, identity, ..

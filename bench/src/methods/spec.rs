@@ -81,8 +81,8 @@ impl MethodSpec {
         self.options.get(key).map(String::as_str)
     }
 
-    /// Parses `depth=none|privileged`. The result for `privileged` is the argument: the use of true depth that this
-    /// kind of method supports.
+    /// Parses `depth=none|privileged`. For `privileged`, returns the argument: the use of true depth that this kind of
+    /// method supports.
     pub(super) fn depth(&self, privileged: TrueDepth) -> Result<TrueDepth, SpecError> {
         match self.option("depth") {
             None | Some("none") => Ok(TrueDepth::None),

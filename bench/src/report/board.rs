@@ -188,7 +188,8 @@ impl<'a> Board<'a> {
     }
 }
 
-/// The name of the first geometric fact, which must not depend on the method, in which two records of a pair differ.
+/// The name of the first geometric fact in which two records of a pair differ. Such facts must not depend on the
+/// method.
 fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
     let facts = |r: &Record| {
         [

@@ -1,4 +1,4 @@
-//! What all our pages share: their style, and how text and plots are put into them.
+//! Style shared by all pages, and functions that embed data and plots in them.
 
 use serde_json::Value;
 use sharp_plots::ink::{GRID, INK, MUTED, PAPER};
@@ -10,8 +10,7 @@ pub(crate) fn without_tags(value: &Value) -> String {
     value.to_string().replace('<', "\\u003c")
 }
 
-/// The SVG with the page's variables for paper, ink and grid in place of its colours, so that it follows the page's
-/// theme.
+/// Replaces an SVG's colours for paper, ink and grid by the page's variables, so that it follows the page's theme.
 pub(crate) fn themed(svg: &str) -> String {
     let mut out = svg.to_owned();
     for (ink, variable) in [

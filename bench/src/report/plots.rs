@@ -39,9 +39,9 @@ pub fn files(figure: Figure, out: &Path, stem: &str) -> [(PathBuf, Vec<u8>, &'st
     ]
 }
 
-/// At most this many bins per dataset in plots of a metric.
+/// Maximum number of bins per dataset in plots of a metric.
 const METRIC_BINS: Binning = Binning::Round(10);
-/// At most this many bins per dataset in histograms.
+/// Maximum number of bins per dataset in histograms.
 const HISTOGRAM_BINS: Binning = Binning::Round(20);
 const LABEL: &str = "camera baseline (m)";
 const BAR: Ink = Ink::opaque(0x00, 0x72, 0xB2);

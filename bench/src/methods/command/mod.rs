@@ -65,8 +65,7 @@ struct State {
     process: Option<Process>,
     log: Option<Arc<Mutex<ProgramLog>>>,
     scratch: Option<TempDir>,
-    /// Contents of the scratch folder: SHA-256 of the source's picture and depth, and the stamps of the files with
-    /// them.
+    /// Contents of the scratch folder: SHA-256 of the source's picture and depth, and the stamps of their files.
     source: Option<(String, Vec<Option<FileStamp>>)>,
     has_answered: bool,
     /// Number of times that the program was started and ended without any answer.

@@ -1,7 +1,7 @@
 //! The process of a method: started by the shell, queried line by line, and always terminated.
 //!
-//! Written by hand, because crates for process groups (`process-wrap`) only wrap std's `process_group`. Most of this
-//! file is what they do not offer: deadlines for lines, and killing the program if this process is killed.
+//! Written by hand, because crates for process groups (`process-wrap`) only wrap std's `process_group`. They offer
+//! neither deadlines for lines nor a way to kill the program if this process is killed.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::Path;
@@ -191,8 +191,8 @@ impl Process {
     }
 
     fn end(&mut self, grace: Duration) -> Ended {
-        // With a grace of zero, keep the program's input open, because the program could react to its end before it is
-        // killed.
+        // With a grace of zero, keep the program's input open: the program could react to the end of its input before
+        // it is killed.
         if !grace.is_zero() {
             self.stdin = None;
         }

@@ -16,8 +16,8 @@ use crate::pairs::overlap_cache::{DepthFacts, Overlaps, SceneOverlaps};
 use crate::pairs::valid_depth::density;
 
 /// Peak memory while reading a view's depth, as a multiple of the map's own size: twice for the unpacked file with
-/// 64-bit numbers, and once for the resulting map. Later steps need only twice the size. Not included are a scan that
-/// all views share and, for predicted depth, the prediction and its ratios to sparse depth.
+/// 64-bit numbers, and once for the resulting map. Later steps need only twice the size. Excludes a scan that all views
+/// share and, for predicted depth, the prediction and its ratios to sparse depth.
 const COPIES_WHILE_READING: u64 = 3;
 
 /// Index of a view whose depth could not be read, and the error.
@@ -54,9 +54,9 @@ impl<'a> Measuring<'a> {
         self.learnt.get()
     }
 
-    /// Measures, for all pairs in a set of views with a baseline in the requested range, the overlaps that are unknown.
-    /// If the set's depth does not fit into memory, it is loaded in blocks of views, two at a time; otherwise each view
-    /// is read once.
+    /// Measures the unknown overlaps of all pairs in a set of views whose baseline is in the requested range. If the
+    /// set's depth does not fit into memory, it is loaded in blocks of views, two at a time; otherwise each view is
+    /// read once.
     pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
         let block = self.views_in_memory(set) / 2;

@@ -42,7 +42,6 @@ impl PredictedDepth {
     /// If the checkpoint cannot be read, or Depth Pro was requested and the checkpoint is of another network. Does not
     /// check whether a checkpoint is SHARP's: [`named_network`](crate::io::checkpoint::named_network) does so when it
     /// finds the configuration.
-    /// so when it finds the configuration.
     pub fn new(network: NetworkSpec, kind: DepthNetwork) -> Result<Self, PairError> {
         let source = Self {
             checkpoint_sha256: file_sha256(&network.checkpoint)?,

@@ -57,7 +57,7 @@ pub enum OverlapDirection {
 }
 
 impl OverlapDirection {
-    /// The one of the two overlaps, or their combination, that is compared with the threshold.
+    /// The overlap to compare with the threshold: one of the two, or their combination.
     pub fn of(self, target_in_source: f64, source_in_target: f64) -> f64 {
         match self {
             Self::TargetInSource => target_in_source,

@@ -166,7 +166,7 @@ fn explain(
     }
 }
 
-/// Those alternative settings of a dataset's reader whose scores need a separate run.
+/// Alternative settings of a dataset's reader whose scores need a separate run.
 fn other_readings(record: &DatasetRecord, column: &str) -> Vec<String> {
     let Ok(entry) = entry(&record.format) else {
         return Vec::new();

@@ -21,7 +21,7 @@ pub enum Choice {
     Worst,
     /// The pairs with the best scores.
     Best,
-    /// The pairs on which the first method is worse than the second, by the largest difference.
+    /// The pairs on which the first method is worse than the second, largest difference first.
     Loses(String, String),
 }
 

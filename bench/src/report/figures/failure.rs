@@ -16,9 +16,9 @@ use crate::report::error::{MissingPicture, ReportError};
 use crate::report::error_map::false_colours;
 
 /// A sheet with input, view and inverse depth of each pair. With a folder, depth is read from
-/// `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, in metres). Without one, it is the depth of the
-/// kept rendering, as in the paper; if no rendering was kept, the dataset's depth of the target, or of the source if
-/// the target has none. The caption states the source of the depth.
+/// `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, in metres). Without one, depth is that of the
+/// kept rendering, as in the paper. If no rendering was kept, it is the dataset's depth of the target, or of the source
+/// if the target has none. The caption states where the depth is from.
 ///
 /// # Errors
 /// If there is not exactly one method, or the folder does not exist.

@@ -314,8 +314,8 @@ pub(crate) fn metric(family: Family) -> Column {
     }
 }
 
-/// Reduction of a metric from the second of two rows to the first, as a fraction: the smallest and the largest over the
-/// datasets.
+/// Smallest and largest reduction of a metric over the datasets, as a fraction, from the second of two rows to the
+/// first.
 fn gains(table: &PublishedTable, rows: [&str; 2], metric: &str) -> Option<(f64, f64)> {
     let gains = table.datasets.iter().filter_map(|dataset| {
         let [ours, other] = rows.map(|row| table.number(row, dataset, metric));

@@ -270,7 +270,7 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
             let text = format!("{millions:.*}M", usize::from(millions < 10.0));
             Cell::printed(Some(millions), &text)
         };
-        // Checkpoints do not record which parameters were trained; for SHARP, their names tell.
+        // Checkpoints do not record which parameters were trained. For SHARP, the parameters' names show it.
         let cells = paper.metrics.iter().map(|metric| match *metric {
             "total" => cell(total),
             "trainable" if trained > 0 => cell(trained),

@@ -16,8 +16,8 @@ use sharp_plots::style::FigureStyle;
 #[derive(Debug)]
 pub struct SweepFiles {
     pub written: Vec<PathBuf>,
-    /// Files of an earlier sweep with other metrics or crossings that were removed, because they would be mistaken for
-    /// files of the new sweep.
+    /// Removed files of an earlier sweep with other metrics or crossings, which would be mistaken for files of the new
+    /// sweep.
     pub removed: Vec<PathBuf>,
 }
 

@@ -89,8 +89,8 @@ pub enum CrossingRule {
 }
 
 impl SweepPanel {
-    /// The bins of a metric, keyed by bin number. Each has the smallest and the largest number of pairs that a line of
-    /// the panel has in it.
+    /// The bins of a metric, keyed by bin number, each with the smallest and the largest number of pairs among the
+    /// panel's lines.
     pub(super) fn counts(&self, metric: usize) -> BTreeMap<i64, BinCount> {
         let mut counts: BTreeMap<i64, BinCount> = BTreeMap::new();
         for bin in self.lines.iter().flat_map(|line| &line.bins[metric]) {

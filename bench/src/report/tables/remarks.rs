@@ -76,8 +76,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     for (d, dataset) in board.datasets.iter().enumerate() {
         let mut ahead_of_all = Vec::new();
         let mut behind_one = Vec::new();
-        // For each method that is behind a baseline: the metrics in which it is, except those in which it is the best
-        // method.
+        // For each method that is behind a baseline, the metrics in which it is behind without being the best method.
         let mut behind: BTreeMap<usize, Vec<String>> = BTreeMap::new();
         for (c, name) in names.iter().enumerate() {
             let (baselines, others): (Vec<Entrant<'_>>, Vec<Entrant<'_>>) =
