@@ -47,9 +47,9 @@ impl Aggregation {
         mean(&units.map(|(_, value)| value).collect::<Vec<_>>())
     }
 
-    /// The values whose unweighted mean is the result of [`Self::of`], each with a record that it was computed from.
-    /// For [`Self::Pairs`], these are the given values in the given order; for the other rules, the means of the
-    /// groups, sorted by the groups' names.
+    /// The values whose unweighted mean is the result of [`Self::of`], each with one of the records behind it. For
+    /// [`Self::Pairs`], these are the given values in the given order; for the other rules, the means of the groups,
+    /// sorted by the groups' names.
     pub fn units<'a>(
         self,
         values: impl IntoIterator<Item = (&'a Record, f64)>,

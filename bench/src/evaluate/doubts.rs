@@ -14,19 +14,19 @@ use super::record::{Record, Status};
 use crate::methods::{TrueDepth, UNUSABLE};
 use crate::pairs::pair_id::source_of;
 
-/// If rendered and true depth differ by more than this factor, the Gaussians' unit is probably not the metre.
+/// Factor between rendered and true depth above which the Gaussians' unit is probably not the metre.
 const UNLIKELY_SCALE: f64 = 10.0;
-/// Outliers are detected only among at least this many sources. With fewer, the source check examines most of them more
-/// closely anyway.
+/// Minimum number of sources for detecting outliers. With fewer, the source check examines most of them more closely
+/// anyway.
 const FEWEST_SOURCES: usize = 4;
 /// Minimum difference in PSNR between outliers and the other sources, in dB. It corresponds to a fourfold squared
 /// error.
 const MIN_GAP: f64 = 6.0;
-/// Sources are outliers only if the gap between them and the others is at least this multiple of the distance between
-/// the worst and the median of the others. Such a gap is rare by chance.
+/// Minimum gap between outliers and the other sources, as a multiple of the distance between the worst and the median
+/// of those others. Such a gap is rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
-/// Across scenes, only sources below this PSNR, in dB, count as outliers. A uniform picture in the photograph's mean
-/// colour has this PSNR if the standard deviation of the photograph's levels is 45.
+/// Maximum PSNR of outliers that are found only across scenes, in dB. A uniform picture in the photograph's mean colour
+/// has this PSNR if the standard deviation of the photograph's levels is 45.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
 
 /// Extras of methods that state their training views: 1 if the pair's source (first) or target (second) is one of them.

@@ -372,9 +372,8 @@ pub fn number(value: f64) -> String {
     finite_or_text::text(value).map_or_else(|| value.to_string(), str::to_owned)
 }
 
-/// The table as CSV: [`FIXED_COLUMNS`], then one column per metric key in the given order, then the
-/// records' extras (`mean_alpha`, …) by name, and last the reason for a failure. Unavailable scores
-/// and unknown values are empty cells.
+/// The table as CSV. Its columns are [`FIXED_COLUMNS`], one per metric key in the given order, the records' extras
+/// (`mean_alpha`, …) by name, and the reason for a failure. Unavailable scores and unknown values are empty cells.
 pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Vec<u8> {
     let extras: BTreeSet<&str> = records
         .iter()

@@ -6,22 +6,21 @@ use sharp_datasets::DepthMap;
 
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 
-/// Rendered depth counts as inverse depth if rendered / true varies at least this many times as much as rendered ×
-/// true, which is constant for inverse depth.
+/// Minimum ratio of the variation of rendered / true to that of rendered × true, for rendered depth to count as inverse
+/// depth. For inverse depth, the product is constant.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
-/// Another unit is suspected only if depths differ by more than this factor. Predictions of unknown scale differ by
-/// less.
+/// Factor between the depths above which another unit is suspected. Predictions of unknown scale differ by less.
 const MIN_FACTOR: f64 = 1.5;
-/// Another unit is reported only if the logarithm of the factor exceeds this multiple of the spread of the logarithmic
-/// depth ratios. Prediction errors cause that spread.
+/// Minimum logarithm of the factor for reporting another unit, as a multiple of the spread of the logarithmic depth
+/// ratios. Prediction errors cause that spread.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
 /// Minimum number of compared pixels for testing whether depths are ray lengths.
 const FEWEST_RAYS: usize = 300;
 /// Minimum spread of the logarithmic depth ratios for testing whether depths are ray lengths. In a narrow field of
 /// view, ray lengths hardly differ from depths.
 const MIN_SPREAD: f64 = 0.01;
-/// Ray lengths are reported only if correcting for them reduces the spread of the logarithmic depth ratios to this
-/// fraction or less.
+/// Maximum fraction of the spread of the logarithmic depth ratios that remains after correcting for reported ray
+/// lengths.
 const LEFT_BY_RAYS: f64 = 0.4;
 
 /// Warns if the rendered depth differs from the true depth by more than prediction errors explain, as if it had another

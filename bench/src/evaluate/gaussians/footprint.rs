@@ -8,30 +8,30 @@ use sharp::render::{Background, RenderView};
 
 use crate::rendering::shared::HOLE_ALPHA;
 
-/// Holes are reported if at least this share of the pixels is empty.
+/// Minimum share of empty pixels for reporting holes.
 pub(in crate::evaluate) const MIN_HOLES: f64 = 0.02;
 /// Minimum share of the holes' pixels that are white (or black) in the photograph for [`other_background`] to advise
 /// that colour.
 const MIN_PLAIN: f64 = 0.9;
 /// Side of a tile, pixels, as in gsplat.
 const TILE: f64 = 16.0;
-/// Gaussians are blended only where their alpha is at least this.
+/// Minimum alpha at which Gaussians are blended.
 const MIN_ALPHA: f64 = 1.0 / 255.0;
-/// The projection is linearised up to this distance outside the picture, as a fraction of its sides.
+/// Maximum distance outside the picture up to which the projection is linearised, as a fraction of the picture's sides.
 const MARGIN: f64 = 0.15;
 
 /// Numbers of columns and rows of the grid in which [`missing_share`] looks for empty parts.
 const PARTS: (u32, u32) = (8, 6);
-/// A part is empty if at most this share of it is covered.
+/// Maximum covered share of a part that counts as empty.
 const MAX_COVERED: f64 = 0.02;
-/// A part of a file may be missing if at least this share of the picture is empty.
+/// Minimum empty share of the picture from which a part of the file may be missing.
 const MIN_MISSING: f64 = 0.15;
-/// A part of a file may be missing if at least this share of the photograph's detail is in empty parts. Skies and plain
-/// backgrounds, where Gaussians may be left out on purpose, have hardly any detail.
+/// Minimum share of the photograph's detail in empty parts from which a part of the file may be missing. Skies and
+/// plain backgrounds, where Gaussians may be left out on purpose, have hardly any detail.
 const MIN_DETAIL: f64 = 0.2;
 
-/// The share of the picture that is not covered, given the rendering's `alpha`; `None` if it is below [`MIN_MISSING`],
-/// or if empty parts contain less than [`MIN_DETAIL`] of the photograph's detail.
+/// The share of the picture that is not covered, given the rendering's `alpha`. `None` if the share is below
+/// [`MIN_MISSING`], or if empty parts contain less than [`MIN_DETAIL`] of the photograph's detail.
 pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -> Option<f64> {
     let (width, height) = photograph.dimensions();
     let mut parts = [(0.0, 0.0, 0.0); (PARTS.0 * PARTS.1) as usize];

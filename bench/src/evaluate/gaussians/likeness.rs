@@ -7,29 +7,28 @@ use crate::scoring::Region;
 
 /// Size of the reduced pictures that `blur` compares, in pixels.
 const COARSE: (u32, u32) = (16, 12);
-/// A picture counts as blurred if at least this share of the photograph's contrast is missing.
-/// Pictures of other views have full contrast.
+/// Minimum share of the photograph's contrast that is missing in a blurred picture. Pictures of other views have full
+/// contrast.
 const MIN_BLUR: f64 = 0.4;
 /// Maximum width and height compared, in pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// Another reading is better only if its gain is at least this, in dB. If a file was read correctly, other readings
-/// change the error by only some hundredths of a dB.
+/// Minimum gain of a better reading, in dB. If a file was read correctly, other readings change the error by only some
+/// hundredths of a dB.
 const MARGIN: f64 = 0.5;
-/// A gain is significant only if it exceeds this many of its standard errors.
+/// Minimum significant gain, as a multiple of its standard error.
 const SIGNIFICANCE: f64 = 3.0;
 /// [`SIGNIFICANCE`] for the gain after fitting brightness and contrast; lower, because it only confirms the gain
 /// without the fit.
 const SIGNIFICANCE_FREE: f64 = 2.0;
-/// Two errors count as about equal if their ratio is at most this.
+/// Maximum ratio of two errors that count as about equal.
 const MAX_ABOUT_EQUAL: f64 = 1.1;
-/// A picture explains a photograph if it accounts for at least this share of its variance.
+/// Minimum share of a photograph's variance that a picture accounts for if it explains the photograph.
 const MIN_EXPLAINED: f64 = 0.5;
-/// The contrasts of a picture and its photograph are reported if one is at least this multiple of the other.
+/// Minimum ratio of the contrasts of a picture and its photograph for a report, the larger divided by the smaller.
 const MIN_CONTRAST_RATIO: f64 = 1.6;
-/// Contrasts are reported only if correcting brightness and contrast gains at least this, in dB.
+/// Minimum gain from correcting brightness and contrast for reporting contrasts, in dB.
 const MIN_CONTRAST_GAIN_DB: f64 = 6.0;
-/// Pictures count as equal if their mean squared error is below this, in levels²: rounding and truncation to 8 bit
-/// differ by less.
+/// Mean squared error below which pictures count as equal, in levels²; rounding and truncation to 8 bit differ by less.
 const ROUNDING: f64 = 1.0;
 
 /// The part of a photograph with the most contrast. It is compared at full resolution, because reduced pictures would
@@ -258,14 +257,14 @@ impl Likeness {
             .then(|| (contrast, self.psnr() + gain))
     }
 
-    /// Whether the picture explains its photograph, and is significantly closer to it (see [`Self::is_closer_than`])
-    /// than the picture of `other` is to the photograph of `other`.
+    /// Whether the picture explains its photograph, and [is significantly closer](Self::is_closer_than) to it than the
+    /// picture of `other` is to its own photograph.
     pub(in crate::evaluate) fn is_better_than(&self, other: &Self) -> bool {
         self.explains() && self.is_closer_than(other)
     }
 
-    /// Whether the picture is significantly closer to its photograph than the picture of `other` is to the photograph
-    /// of `other`, both in squared error and after fitting brightness and contrast.
+    /// Whether the picture is significantly closer to its photograph than the picture of `other` is to its own
+    /// photograph, both in squared error and after fitting brightness and contrast.
     pub(in crate::evaluate) fn is_closer_than(&self, other: &Self) -> bool {
         let share = |e: Errors| e.residual / e.variance;
         self.is_nearer_than(other) && self.gains(other, [share; 2], MARGIN / 2.0, SIGNIFICANCE_FREE)

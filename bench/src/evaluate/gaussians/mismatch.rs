@@ -11,18 +11,15 @@ use crate::pairs::PosedCamera;
 
 /// Factors by which standard deviations are multiplied to find a better match.
 const WIDTHS: [f64; 9] = [1.0 / 3.0, 0.1, 0.01, 0.001, 2.0, 3.0, 10.0, 100.0, 1000.0];
-/// Narrower standard deviations are reported only if they gain at least this, in dB. They gain less for crude but
-/// correct Gaussians.
+/// Minimum gain for reporting narrower standard deviations, in dB. Crude but correct Gaussians gain less.
 const MIN_NARROWER_GAIN_DB: f64 = 4.0;
-/// Wider standard deviations are reported only if they gain at least this, in dB. They gain less for correct Gaussians
-/// with holes.
+/// Minimum gain for reporting wider standard deviations, in dB. Correct Gaussians with holes gain less.
 const MIN_WIDER_GAIN_DB: f64 = 6.0;
-/// A factor suggested by the depth is reported only if it gains at least this, in dB.
+/// Minimum gain for reporting a factor that the depth suggests, in dB.
 const MIN_WIDTHS_GAIN_DB: f64 = 1.0;
-/// Wider Gaussians are tried only if at most this many cover a pixel on average.
+/// Maximum average number of wider Gaussians that cover a pixel, for trying them.
 const MAX_LAYERS: f64 = 300.0;
-/// Narrower Gaussians are tried only if their areas (see [`Trial::overlap`]) still add up to at least this share of the
-/// picture.
+/// Minimum total area of narrower Gaussians (see [`Trial::overlap`]) for trying them, as a share of the picture.
 const MIN_OVERLAP: f64 = 0.5;
 /// Minimum angle of the rotations that are tried, in degrees.
 const MIN_TURN_DEG: f64 = 3.0;

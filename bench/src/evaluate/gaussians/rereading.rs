@@ -21,24 +21,23 @@ use crate::rendering::SharedRenderer;
 use crate::rendering::shared::HOLE_ALPHA;
 use crate::scoring::Region;
 
-/// A reading is tried only if at most this many Gaussians cover a pixel on average; no photograph needs more.
+/// Maximum average number of Gaussians that cover a pixel under a reading that is tried; no photograph needs more.
 const MAX_LAYERS: f64 = 3000.0;
 /// Minimum gain in the source's view, in dB, for a reading to be tried in other views.
 const MIN_SOURCE_GAIN_DB: f64 = 0.25;
-/// Another form of the stored numbers is ruled out if it makes the source's error larger by at least this, in dB.
+/// Increase of the source's error from which another form of the stored numbers is ruled out, in dB.
 const RULED_OUT_LOSS_DB: f64 = 1.0;
 /// [`RULED_OUT_LOSS_DB`] for another form of opacities. It is larger, because the stored values themselves are strong
 /// evidence of the form, and the rendering of the source hardly depends on opacities.
 const RULED_OUT_LOSS_OF_OPACITY_DB: f64 = 3.0;
-/// A reading is accepted only if it multiplies the error in other views by at most this.
+/// Maximum factor by which an accepted reading multiplies the error in other views.
 const MAX_ERROR_ELSEWHERE: f64 = 1.1;
 /// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because a shift must improve other views, too.
 const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
 /// Gain in the source's view, in dB and with [flattened](Trial::flat_fits) Gaussians, from which a shift is accepted
 /// even if other views do not improve. In other views of poor Gaussians, half a pixel makes hardly any difference.
 const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 1.0;
-/// Another form of colours is preferred only if it gains at least this, in dB, because forms of colours may differ
-/// merely in brightness and contrast.
+/// Minimum gain of a preferred form of colours, in dB. Forms of colours may differ merely in brightness and contrast.
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
 /// [`MIN_RECOLORED_GAIN_DB`] for a form under which fitting brightness and contrast gains nothing more.
 const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
@@ -52,9 +51,9 @@ const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
 const MIN_SPREAD: f64 = 0.1;
 /// Minimum factor by which spreading over the photograph enlarges the Gaussians' extent.
 const MIN_SPREADING: f64 = 1.3;
-/// Standard deviations may be base-10 logarithms only if more than this many Gaussians cover a pixel on average.
+/// Average number of Gaussians per pixel above which standard deviations may be base-10 logarithms.
 const WIDE_LAYERS: f64 = 500.0;
-/// A view counts as wholly shown if Gaussians cover at least this share of it.
+/// Minimum share of a view that Gaussians cover if the view counts as wholly shown.
 const MIN_WHOLE_COVERAGE: f64 = 0.7;
 /// Minimum area of the Gaussians under another order of quaternions, relative to the area as read. Wrong orders reduce
 /// the area, because most Gaussians lie on surfaces that face the camera.

@@ -44,27 +44,26 @@ pub const SOURCE_DEPTH: &str = "source_depth_m";
 /// Extra for a blurred rendering of the source: the share of the photograph's contrast that is missing, 0..1.
 pub const SOURCE_BLUR: &str = "source_blur";
 
-/// Other readings are tried only if at least this share of the photograph is valid.
+/// Minimum share of valid pixels in a photograph for trying other readings.
 const MIN_VALID: f64 = 0.95;
-/// No other reading is tried if the PSNR of the source's rendering is at least this, in dB.
+/// PSNR of the source's rendering from which no other reading is tried, in dB.
 const RIGHT_DB: f64 = 38.0;
-/// If a setting gains less than this, in dB, it may only compensate for wrong standard deviations.
+/// Gain below which a setting may only compensate for wrong standard deviations, in dB.
 const WEAK_DB: f64 = 3.0;
 /// Range of the contrast, relative to the photograph, if colour coefficients were multiplied by the constant harmonic
-/// (0.282) instead of divided by it, which changes contrast by a factor of 0.282² = 0.08.
+/// (0.282) instead of divided by it. This changes contrast by a factor of 0.282² = 0.08.
 const SQUARED_CONSTANT: RangeInclusive<f64> = 0.06..=0.1;
-/// Other readings are tried only on photographs with at least this many pixels; smaller ones do not show a Gaussian's
-/// shape.
+/// Minimum number of a photograph's pixels for trying other readings; smaller ones do not show a Gaussian's shape.
 const FEWEST_PIXELS: usize = 1200;
-/// If shifting the photograph by half a pixel reduces the covered area to less than this fraction, the Gaussians are
-/// narrower than a pixel and at the pixels' centres, where a rendering shows neither their shape nor their size. The
-/// shifted photograph is then compared instead.
+/// Fraction of the covered area that remains if the photograph is shifted by half a pixel, below which the Gaussians
+/// are narrower than a pixel and lie at the pixels' centres. There, a rendering shows neither their shape nor their
+/// size, so the shifted photograph is compared instead.
 const MIN_COVERED_BETWEEN: f64 = 0.9;
 /// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds per
 /// pixel.
 const ABSURD_LAYERS: f64 = 5000.0;
-/// [`ABSURD_LAYERS`] causes a warning only if each Gaussian covers at least this share of the picture on average,
-/// because millions of small Gaussians on a small picture are fine.
+/// Minimum share of the picture that each Gaussian covers on average, for [`ABSURD_LAYERS`] to cause a warning.
+/// Millions of small Gaussians on a small picture are fine.
 const ABSURD_SHARE: f64 = 0.02;
 
 pub(in crate::evaluate) struct CheckedSource<'a> {

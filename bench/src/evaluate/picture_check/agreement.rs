@@ -9,9 +9,9 @@ use super::finding::{PictureChange, ShownTarget, listed};
 use super::group::{Extent, PictureGroup, scene_of};
 use crate::evaluate::record::Record;
 
-/// A change is reported for a dataset only if at least this many of its pictures have it.
+/// Minimum number of a dataset's pictures with a change for it to be reported for the dataset.
 const MIN_CHANGED: usize = 3;
-/// A change is reported for a dataset only if at least this share of its pictures have it.
+/// Minimum share of a dataset's pictures with a change for it to be reported for the dataset.
 const MIN_SHARE: f64 = 0.8;
 /// [`MIN_SHARE`] for crops, padding and the limited range of video: unaltered pictures are rarely taken for these.
 const MIN_SHARE_DISTINCTIVE: f64 = 0.5;
@@ -23,12 +23,11 @@ const MIN_SHARE_VISIBLE: f64 = 0.1;
 /// Minimum number of pictures with a [clear](PictureChange::is_clear) change for naming them, even if they are too few
 /// for a finding on the dataset.
 const MIN_NAMED: usize = 2;
-/// Pictures with a clear change are named only if they are at least this share of the dataset's pictures.
+/// Minimum share of a dataset's pictures with a clear change for naming them.
 const MIN_SHARE_NAMED: f64 = 0.02;
-/// Equal pictures are reported only if they belong to at least this many targets, because two targets may have the same
-/// source and motion.
+/// Minimum number of targets of equal pictures for a report, because two targets may have the same source and motion.
 const MIN_REPEATED: usize = 3;
-/// Strips count as equal if their thickness differs by at most this, in thousandths of the height.
+/// Maximum difference in thickness of strips that count as equal, in thousandths of the height.
 const MAX_UNEVEN: f64 = 8.0;
 /// [`MAX_UNEVEN`] as a share of the thickness; the larger of the two counts.
 const MAX_UNEVEN_SHARE: f64 = 0.1;

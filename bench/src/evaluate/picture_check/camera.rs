@@ -8,7 +8,7 @@ use super::sample::FEWEST;
 use super::shift::{far_shifted_pictures, shifted_pictures};
 use crate::evaluate::record::Record;
 
-/// A wrong camera is reported only if at least this share of the pictures with a measured camera agree on it.
+/// Minimum share of the pictures with a measured camera that must agree on a wrong camera for a report.
 const MIN_SHARE: f64 = 0.8;
 
 /// The cameras measured in a group's pictures.

@@ -23,14 +23,13 @@ use crate::evaluate::gaussians::likeness::Likeness;
 use crate::evaluate::record::Record;
 use crate::scoring::Region;
 
-/// The photograph has a white or black background if at least this share of its pixels are white or black.
+/// Minimum share of white (or black) pixels in a photograph whose background counts as white (or black).
 const MIN_BACKGROUND: f64 = 0.15;
-/// The picture has another background if at least this share of the background's pixels have the opposite colour.
+/// Minimum share of the background's pixels that have the opposite colour in a picture with another background.
 const MIN_OTHER: f64 = 0.7;
 /// Maximum width compared, in pixels.
 const WIDTH: u32 = 160;
-/// A mirroring or rotation is reported only if undoing it brings the picture closer to its photograph by at least this,
-/// in dB.
+/// Minimum gain from undoing a mirroring or rotation for a report, in dB.
 const MIN_GAIN: f64 = 1.0;
 /// [`MIN_GAIN`] for swapped channels, which hardly change brightness, in dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
@@ -42,18 +41,18 @@ const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
 const MIN_GAIN_BY_RANK: f64 = 8.0;
 /// [`MIN_GAIN`] for another range of levels, in dB, because other exposures resemble other ranges.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
-/// Other colour spaces are tried only below this PSNR, in dB, to save time. Pictures stored in another colour space
+/// PSNR below which other colour spaces are tried, in dB; a limit saves time. Pictures stored in another colour space
 /// have 8 to 13 dB.
 const MAX_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end of the range, because JPEG and resampling cause ringing there.
 const BEYOND_ENDS: f64 = 0.002;
-/// A picture is a negative if its correlation with the photograph is below this. Red and blue are swapped if the
-/// correlation of red minus blue is below this. Poor predictions have 0.4 to 0.8, and a tint does not matter.
+/// Correlation with the photograph below which a picture is a negative. If the correlation of red minus blue is below
+/// it, red and blue are swapped. Poor predictions have 0.4 to 0.8, and a tint does not matter.
 const MAX_OPPOSED_CORRELATION: f64 = -0.4;
-/// A change is reported only if the picture explains at least this share of the photograph's variance once the change
-/// is undone. Poor predictions reach a quarter.
+/// Minimum share of the photograph's variance that a picture explains once a reported change is undone. Poor
+/// predictions reach a quarter.
 const MIN_EXPLAINED: f64 = 0.2;
-/// A picture whose correlation with the photograph is below this has little in common with it.
+/// Correlation below which a picture has little in common with a photograph.
 pub(super) const UNLIKE: f64 = 0.15;
 
 /// Orders of stored channels: for each, which stored channel is red, which green, and which blue.
@@ -67,7 +66,7 @@ const PERMUTATIONS: [(PictureChange, [usize; 3]); 5] = [
 
 /// Number of colours of a palette.
 const PALETTE: usize = 256;
-/// Pictures with fewer colours than this are nearly uniform rather than stored with a palette.
+/// Number of colours below which a picture is nearly uniform rather than stored with a palette.
 const FEWEST_OF_PALETTE: usize = 16;
 /// Number of colours beyond which a picture with a palette cannot show a photograph well.
 const MIN_COLOURS: usize = 16 * PALETTE;

@@ -293,11 +293,9 @@ impl ShownCamera {
     }
 }
 
-/// Multiples of the motion ([`ShownCamera::Moved`]) count as alike if they differ by at most this many percentage
-/// points.
+/// Maximum difference of multiples of the motion ([`ShownCamera::Moved`]) that count as alike, in percentage points.
 const MAX_UNEVEN: f64 = 8.0;
-/// Multiples of the motion also count as alike if they differ by at most this share of the multiple, even if that is
-/// more than [`MAX_UNEVEN`].
+/// [`MAX_UNEVEN`] as a share of the multiple; the larger of the two counts.
 const MAX_UNEVEN_SHARE: f64 = 0.12;
 
 /// How a picture frames its target, compared with its photograph.
@@ -328,10 +326,10 @@ impl Framing {
     /// A framing is wrong if its zoom, roll or shift differs from the target's by at least these values, in the units
     /// of the fields. In zoomed pictures, roll and shift must differ by more.
     const MIN_FRAMING: [i16; 3] = [15, 700, 5];
-    /// A framing is wrong if the magnitude of [`Framing::lens`] is at least this.
+    /// Minimum magnitude of [`Framing::lens`] in a wrong framing.
     const MIN_LENS: i16 = 40;
-    /// Framings count as alike if their [`Framing::lens`] differs by at most this, or by a quarter of the value if that
-    /// is larger.
+    /// Maximum difference of [`Framing::lens`] in framings that count as alike; a quarter of the value if that is
+    /// larger.
     const UNEVEN_LENS: i16 = 30;
 
     fn is_distorted(self) -> bool {

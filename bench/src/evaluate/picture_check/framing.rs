@@ -21,28 +21,28 @@ const INSET: f64 = 2.0 * HALF as f64 + 1.0;
 const REACH: f64 = 0.15;
 /// Radius of the second search, around the place found by the first, in pixels at the shrunk size.
 const REFINED_REACH: i32 = 2;
-/// A block is found only if its best correlation is at least this.
+/// Minimum correlation at the place where a block is found.
 const MIN_CORRELATION: f64 = 0.7;
-/// A block is found only if its best correlation exceeds that at other places by at least this.
+/// Minimum excess of a found block's correlation over the correlations at other places.
 const MIN_DISTINCTION: f64 = 0.05;
-/// Framing is measured only if at least this many blocks are found.
+/// Minimum number of found blocks for measuring a framing.
 const MIN_FOUND: usize = 12;
-/// Framing is measured only if at least this share of the blocks are found.
+/// Minimum share of the blocks that are found for measuring a framing.
 const MIN_FOUND_SHARE: f64 = 0.15;
 /// Number of steps of a fit by reweighted least squares.
 const STEPS: usize = 12;
 /// Weight of the prior for an unchanged framing, relative to one block.
 const PRIOR: f64 = 0.05;
-/// A block agrees with a fit if its residual is at most this, in pixels.
+/// Maximum residual of a block that agrees with a fit, in pixels.
 const MAX_OFF_FIT: f64 = 1.0;
-/// A fit is accepted only if at least this share of the blocks agree with it.
+/// Minimum share of the blocks that agree with an accepted fit.
 const MIN_AGREEING: f64 = 0.6;
-/// A fit is accepted only if it lowers the mean distance from the epipolar lines by at least the first number, in
-/// pixels, and to at most the second number times the distance without the fit.
+/// Conditions for accepting a fit: the minimum decrease of the mean distance from the epipolar lines, in pixels, and
+/// the maximum of what remains, as a fraction of the distance without the fit.
 const GAIN: (f64, f64) = (0.3, 0.5);
 /// [`GAIN`] for a lens's distortion, which hardly moves the middle of the picture.
 const GAIN_OF_LENS: (f64, f64) = (0.1, 0.6);
-/// A zoom is undone, and the blocks searched again, if it differs from 1 by at least this fraction.
+/// Minimum difference of a zoom from 1 for undoing the zoom and searching the blocks again.
 const MIN_RESAMPLED_ZOOM: f64 = 0.01;
 /// Maximum number of searches with a zoom undone.
 const MAX_RESAMPLINGS: usize = 4;
@@ -59,8 +59,8 @@ pub(super) struct DisplacedBlocks<'a> {
 }
 
 impl<'a> DisplacedBlocks<'a> {
-    /// Finds the target's blocks in the picture `shown`. Both are shrunk to the same size; `intrinsics` are the target's at
-    /// full size, and `translation` is that of the pose from the source's camera to the target's.
+    /// Finds the target's blocks in the picture `shown`. Both are shrunk to the same size. `intrinsics` are the
+    /// target's at full size. `translation` is that of the pose from the source's camera to the target's.
     pub(super) fn of(
         intrinsics: Intrinsics,
         translation: DVec3,
@@ -240,7 +240,7 @@ impl FramedTarget<'_> {
     }
 
     /// The radial distortion (OpenCV's k1) that explains the blocks clearly better than the target's own camera does,
-    /// and at least as well as the fit `framing`; `None` if there is none.
+    /// and no worse than the fit `framing`. `None` if no distortion does.
     fn lens(&self, measured: &Measured, framing: Option<DVec4>) -> Option<f64> {
         measured.fit?;
         let lines = &measured.lines;

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-/// A scene is examined separately only if it has at least this many pictures.
+/// Minimum number of pictures in a scene that is examined separately.
 const FEWEST_IN_SCENE: usize = 4;
-/// A finding on a scene is reported only if at least this share of its pictures have it, because poor predictions of
-/// one scene often have the same errors.
+/// Minimum share of a scene's pictures with a finding for a report. It is high, because poor predictions of one scene
+/// often have the same errors.
 const MIN_SHARE_IN_SCENE: f64 = 0.8;
 
 /// Whether a group is a dataset or one of its scenes. A finding on a scene needs more evidence.

@@ -6,23 +6,23 @@ use image::RgbImage;
 
 use super::finding::PictureChange;
 
-/// Levels count as one colour if they differ by at most this, because JPEG alters them.
+/// Maximum difference of levels that count as one colour; JPEG alters them.
 const MAX_WITHIN_COLOUR: u8 = 8;
-/// Levels from this one on count as white.
+/// Lowest level that counts as white.
 const MIN_WHITE: u8 = 247;
-/// Bars and margins are reported only if at least one in this many lines belongs to them.
+/// Bars and margins must fill at least one in this many lines to be reported.
 const BAR: u32 = 50;
-/// Unfinished pictures are reported only if at least one in this many rows is missing.
+/// Unfinished pictures must lack at least one in this many rows to be reported.
 const MISSING: u32 = 5;
-/// Two bars count as equally thick if their thickness differs by at most this, in pixels.
+/// Maximum difference in thickness of two bars that count as equally thick, in pixels.
 const MAX_UNEVEN: u32 = 2;
-/// In interlaced pictures, neighbouring rows differ at least this many times as much as rows two apart.
+/// Minimum ratio of the differences between neighbouring rows to those between rows two apart, in interlaced pictures.
 const MIN_STEPS: f64 = 1.2;
 /// Maximum of the ratio in [`MIN_STEPS`] for columns, and for rows of pictures that are not interlaced.
 const MAX_STEPS: f64 = 1.05;
 /// Share of the lines that are equal to the previous line in pictures enlarged by 1.3 to 16 times.
 const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;
-/// In enlarged pictures, at most this many successive lines are equal to the previous line.
+/// Maximum number of successive lines that are equal to the previous line, in enlarged pictures.
 const MAX_REPEATED: usize = 15;
 /// Maximum size of the central part in which steps are measured, in pixels.
 const STEPS_WITHIN: u32 = 256;

@@ -1,5 +1,5 @@
-//! Detects pictures whose levels were converted wrongly, from the traces that the conversion leaves: a limited range,
-//! colours that only an overflow produces, or the levels of a normalised photograph.
+//! Detects pictures whose levels were converted wrongly. The conversion leaves traces: a limited range, colours that
+//! only an overflow produces, or the levels of a normalised photograph.
 
 use image::imageops::thumbnail;
 use image::{Rgb, RgbImage};
@@ -12,21 +12,20 @@ const LIMITED: [(f64, f64); 2] = [(16.0, 2.5), (235.0, 3.0)];
 const WIDTHS: [u32; 2] = [32, 80];
 /// Lowest and highest level of a picture in the limited range, with some tolerance because JPEG overshoots.
 const WITHIN: [u8; 2] = [12, 239];
-/// Levels wrapped around only if at least this share of the pixels have a wrapped channel.
+/// Minimum share of the pixels with a wrapped channel in a picture whose levels wrapped around.
 const MIN_WRAPPED: f64 = 5e-4;
-/// Wrapped levels are reported only if the median difference of the mid-tones is at most this.
+/// Maximum median difference of the mid-tones for reporting wrapped levels.
 const MAX_MID_TONE_DIFFERENCE: u8 = 30;
 /// Maximum number of pixels compared.
 const SAMPLES: u32 = 32_768;
-/// Stretching explains a picture's share of levels 0 (or 255) if it exceeds the photograph's share of darkest (or
-/// brightest) levels by at most this.
+/// Maximum excess of a picture's share of levels 0 (or 255) over the photograph's share of darkest (or brightest)
+/// levels if stretching is to explain these levels.
 const MAX_SHARE_AT_ENDS: f64 = 2e-4;
-/// A picture was stretched only if its contrast grew by at least this factor.
+/// Minimum factor by which stretching raises a picture's contrast.
 const MIN_STRETCH: f64 = 1.04;
-/// The ends of the photograph's range, stretched as the picture was, may differ from 0 and 255 by at most this, in
-/// levels.
+/// Maximum distance from 0 and 255 of the ends of the photograph's range, stretched as the picture was, in levels.
 const MAX_OFF_ENDS: f64 = 30.0;
-/// A photograph is coloured if the mean difference of its channels is at least this, in levels.
+/// Minimum mean difference of the channels of a coloured photograph, in levels.
 const MIN_COLOUR: usize = 8;
 /// The correlation of neighbouring pixels is below the first value in noise, and above the second in photographs.
 const NOISE: [f64; 2] = [0.1, 0.5];
@@ -37,13 +36,12 @@ const CLIP: [(f64, f64); 3] = [(0.4815, 0.2686), (0.4578, 0.2613), (0.4082, 0.27
 /// For each channel, a line maps the photograph's levels to the picture's. Lines are compared at these levels of the
 /// photograph.
 const COMPARED: [f64; 2] = [60.0, 190.0];
-/// The channels match a normalisation if their lines differ from those of the normalisation by at most this root mean
-/// square, in levels.
+/// Maximum root mean square difference, in levels, between the channels' lines and those of a matching normalisation.
 const MAX_OFF_LINES: f64 = 3.0;
-/// The channels are treated differently if their lines differ from their common mean by at least this root mean square,
-/// in levels.
+/// Minimum root mean square difference, in levels, of the channels' lines from their common mean if channels are
+/// treated differently.
 const MIN_OFF_EQUAL_LINES: f64 = 5.0;
-/// A line describes a channel only if its correlation with the photograph's channel is at least this.
+/// Minimum correlation of a picture's channel with the photograph's for a line to describe it.
 const MIN_CORRELATION: f64 = 0.8;
 
 /// Whether a photograph's black and white became 16 and 235. At two resolutions, the line that matches mean and
@@ -211,8 +209,8 @@ pub(super) fn normalised(color: [u8; 3]) -> [u8; 3] {
     })
 }
 
-/// Whether the channels' means and standard deviations are those of the photograph, normalised by ImageNet's or CLIP's
-/// statistics and then mapped to 0..255 by one line for all channels.
+/// Whether the channels' means and standard deviations are those of a photograph that was normalised by ImageNet's or
+/// CLIP's statistics and then mapped to 0..255 by one line for all channels.
 pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> bool {
     let [seen, shown] = [seen, shown].map(|p| narrowed(p, WIDTHS[0]));
     let mut least = 1.0_f64;

@@ -3,9 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The normal equations of a picture's shift by least squares, divided by the number of displacements: the matrix
-/// elements xx, xy and yy, the right-hand side x and y, and the sum of squared displacements, which is the error without
-/// a shift.
+/// The least-squares equations of a picture's shift, divided by the number of displacements: matrix elements xx, xy and
+/// yy; right-hand side x and y; sum of squared displacements, which is the error without a shift.
 pub(crate) type ShiftEquations = [f32; 6];
 
 /// A cell's number, row by row, and its mean levels in the picture and in the target.

@@ -3,8 +3,8 @@
 //!
 //! Blocks of the source's photograph are located in the target's photograph along their epipolar lines, which
 //! determines their inverse depths, and then in the picture. To avoid false alarms on poor predictions, at least half
-//! of the blocks must agree on one cause and contradict the true motion, and `picture_order` requires most pictures to
-//! agree.
+//! of the blocks must agree on one cause and contradict the true motion. In addition, `camera` requires most pictures
+//! to agree.
 
 use std::ops::RangeInclusive;
 
@@ -22,43 +22,44 @@ const SIDE: usize = 2 * HALF as usize + 1;
 const AREA: usize = SIDE.pow(2);
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [14, 10];
-/// Blocks are compared only if their standard deviation is at least this, in levels.
+/// Minimum standard deviation of the blocks that are compared, in levels.
 pub(super) const MIN_CONTRAST: f64 = 6.0;
 /// Share of the width to which the search extends along an epipolar line.
 const REACH: f64 = 0.4;
-/// A block counts as found in the target's photograph if its highest correlation along the epipolar line is at least
-/// the first number, and exceeds the correlation elsewhere on the line by at least the second.
+/// Conditions for finding a block in the target's photograph: the minimum of its highest correlation along the epipolar
+/// line, and the minimum excess over the correlation elsewhere on the line.
 const IN_TARGET: (f64, f64) = (0.8, 0.1);
 /// [`IN_TARGET`] for finding a block in the picture.
 const IN_PICTURE: (f64, f64) = (0.7, 0.05);
-/// A block contradicts the true motion if its correlation with the picture is higher by at least this at another place.
+/// Minimum excess of a block's correlation at another place over that at its true place, if it contradicts the true
+/// motion.
 const MIN_GAIN: f64 = 0.1;
-/// Motion is measured only from at least this many blocks.
+/// Minimum number of blocks for measuring motion.
 const MIN_BLOCKS: usize = 8;
-/// Motion is measured only if at least this share of the blocks are found in the picture.
+/// Minimum share of the blocks that are found in the picture, for measuring motion.
 const MIN_FOUND_SHARE: f64 = 0.4;
-/// A block is compared only if its true motion is at least this, in pixels.
+/// Minimum true motion of the blocks that are compared, in pixels.
 const MIN_MOTION: f64 = 3.0;
-/// A multiple of the motion is measured only if at least this share of the blocks agree with it.
+/// Minimum share of the blocks that agree with a measured multiple of the motion.
 const MIN_AGREEING: f64 = 0.6;
-/// A multiple of the motion is reported only if at least this share of the blocks contradict the true motion.
+/// Minimum share of the blocks that contradict the true motion, for reporting a multiple of it.
 const MIN_CONTRADICTING: f64 = 0.5;
-/// A misread pose is reported only if at least this share of the blocks agree with it.
+/// Minimum share of the blocks that agree with a reported misread pose.
 const MIN_POSE_SHARE: f64 = 0.5;
 /// Number of misread poses that are tried, including the source's own pose.
 const CANDIDATES: usize = 10;
-/// A missing rotation or a reversed axis is reported only if simpler causes (a multiple of the motion, the source's
-/// view) explain at most this fraction of the blocks that it explains.
+/// Maximum number of blocks that simpler causes (a multiple of the motion, the source's view) may explain if a missing
+/// rotation or a reversed axis is reported, as a fraction of the blocks that the reported cause explains.
 const MAX_SIMPLER_SHARE: f64 = 0.75;
-/// Pictures with less than this percentage of the true motion are nearly still.
+/// Percentage of the true motion below which pictures are nearly still.
 const STILL_PERCENT: i16 = 20;
 /// [`MIN_AGREEING`] for nearly still pictures, because blends of the source with a prediction partly show the source.
 const MIN_AGREEING_STILL: f64 = 0.8;
-/// The inverse pose is distinguished from a negated translation only if the rotation is at least this, in degrees.
+/// Minimum rotation for distinguishing the inverse pose from a negated translation, in degrees.
 const MIN_TURN: f64 = 0.5;
-/// A translation is along an axis if that component is at least this share of the translation's length.
+/// Minimum component of a translation along an axis for it to count as along that axis, as a share of its length.
 const MIN_ALONG_AXIS: f64 = 0.97;
-/// A block agrees with a motion if it is at most this far from the expected place, in pixels.
+/// Maximum distance from the expected place of a block that agrees with a motion, in pixels.
 const MAX_OFF: f64 = 1.0;
 /// [`MAX_OFF`] as a share of the motion; the larger of the two counts.
 const MAX_OFF_SHARE: f64 = 0.1;

@@ -1,5 +1,5 @@
-//! Detects pictures stored under the names of other pairs, by comparing a sample with the targets of other pairs, and
-//! pictures that are the source's photograph.
+//! Detects pictures stored under the names of other pairs, and pictures that are the source's photograph. Compares a
+//! sample of pictures with the targets of other pairs and with the source.
 //!
 //! To avoid false alarms on poor predictions and on pictures with little motion, most of the compared pictures must
 //! show another target significantly better than their own, and better than the source's photograph shows it. Scores do
@@ -24,21 +24,21 @@ use crate::evaluate::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
 
-/// A picture shows another target only if it is closer to that target than to its own by at least this, in dB.
+/// Minimum gain of another target over a picture's own for the picture to show that target, in dB.
 const MIN_GAIN: f64 = 2.0;
-/// A picture is a copy of the source's photograph, perhaps stored as JPEG, only if its PSNR against that photograph is
-/// at least this, in dB. [`MIN_COPY_GAIN`] must also be reached.
+/// Minimum PSNR against the source's photograph of a copy of it, perhaps stored as JPEG, in dB. A copy must also reach
+/// [`MIN_COPY_GAIN`].
 const MIN_COPY_PSNR: f64 = 40.0;
-/// A copy is closer to the source's photograph than to the target's by at least this, in dB.
+/// Minimum gain of the source's photograph over the target's for a copy of the former, in dB.
 const MIN_COPY_GAIN: f64 = 10.0;
 
-/// A prediction shows the source's view only if it is closer to the source's photograph than to the target's by at
-/// least this, in dB. [`MIN_SOURCE_VIEW_ERROR`] must also be reached.
+/// Minimum gain of the source's photograph over the target's for a prediction that shows the source's view, in dB. Such
+/// a prediction must also reach [`MIN_SOURCE_VIEW_ERROR`].
 const MIN_SOURCE_VIEW_GAIN: f64 = 3.0;
-/// If a picture is closer to the source's photograph by at least this, in dB, it did not move, whatever was measured.
+/// Gain of the source's photograph over the target's from which a picture did not move, whatever was measured, in dB.
 const SURE_SOURCE_VIEW_GAIN: f64 = 5.0;
-/// A prediction shows the source's view only if its squared error against the target is at least this, relative to that
-/// of the source's photograph. Predictions of the target's view have a smaller error.
+/// Minimum squared error against the target of a prediction that shows the source's view, relative to that of the
+/// source's photograph. Predictions of the target's view have a smaller error.
 const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
 
 /// Reduced photographs, keyed by dataset, scene and view.
@@ -137,10 +137,14 @@ fn reconciled(
     }
 }
 
-/// The view that the picture `shown` resembles most, given its own target `seen`. The first that applies:
-/// [`ShownTarget::Source`] for a copy of the source's photograph; [`ShownTarget::SourceView`] if it is significantly
-/// closer to that photograph than to `seen`; the closest of `others` to which it is significantly closer than to
-/// `seen`; [`ShownTarget::Own`]. `None` if `shown` and `seen` differ in size. All pictures must be [`shrunk`].
+/// The view that the picture `shown` resembles most, given its own target `seen`: the first of these that applies.
+///
+/// * [`ShownTarget::Source`]: a copy of the source's photograph.
+/// * [`ShownTarget::SourceView`]: significantly closer to that photograph than to `seen`.
+/// * The closest of `others` to which the picture is significantly closer than to `seen`.
+/// * [`ShownTarget::Own`].
+///
+/// `None` if `shown` and `seen` differ in size. All pictures must be [`shrunk`].
 pub(crate) fn shown_target(
     seen: &RgbImage,
     shown: &RgbImage,

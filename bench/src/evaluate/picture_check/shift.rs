@@ -14,19 +14,20 @@ use super::group::{Extent, PictureGroup};
 use super::measures::ShiftEquations;
 use crate::evaluate::record::Record;
 
-/// A shift is reported only if one of its components is at least this, in pixels. Conventions of pixel centres differ
-/// by half a pixel.
+/// Minimum magnitude of the larger component of a reported shift, in pixels. Conventions of pixel centres differ by
+/// half a pixel.
 const MIN_SHIFT: f64 = 0.35;
-/// A shift measured in edges is reported only if no component is larger than this, in pixels.
+/// Maximum magnitude of either component of a reported shift that was measured in edges, in pixels.
 const MAX_SHIFT: f64 = 1.5;
-/// A shift measured in blocks is reported only if one of its components is at least this, in thousandths of the width.
+/// Minimum magnitude of the larger component of a reported shift that was measured in blocks, in thousandths of the
+/// width.
 const MIN_FAR_SHIFT: f64 = 15.0;
-/// A shift is reported only if at least this many pictures agree on it.
+/// Minimum number of pictures that agree on a reported shift.
 const MIN_PICTURES: usize = 3;
 /// Evidence for a shift: minimum sum of the shares that it explains (see [`MIN_EXPLAINED`]) over the pictures that
 /// agree. Three pictures that show it clearly count as much as six that hardly do.
 const MIN_SUM_OF_SHARES: f64 = 0.5;
-/// A shift is reported only if at least this share of the pictures that could show it agree.
+/// Minimum share of the pictures that could show a reported shift and agree on it.
 const MIN_SHARE: f64 = 0.65;
 /// Minimum share of the squared displacements of a picture's edges that a shift explains if the picture agrees with it.
 /// Pictures that would not reach this share even with exactly this shift are left out. In good predictions, a shift by
@@ -36,21 +37,20 @@ const MIN_EXPLAINED: f64 = 0.08;
 /// poor predictions have large displacements, too.
 const MIN_EXPLAINED_BY_FAR: f64 = 0.6;
 const MIN_SHARE_OF_FAR: f64 = 0.75;
-/// A direction is measured only if at least this share of the evidence is along it.
+/// Minimum share of the evidence along a direction for measuring it.
 const MIN_EVIDENCE: f64 = 0.1;
-/// Edges have at least this gradient, in levels per pixel.
+/// Minimum gradient of an edge, in levels per pixel.
 const MIN_GRADIENT: f64 = 4.0;
-/// An edge runs along an epipolar line if the sine of the angle between its gradient and the normal of the line is at
-/// most this.
+/// Maximum sine of the angle between an edge's gradient and the normal of the epipolar line that the edge runs along.
 const MAX_SINE: f64 = 0.15;
-/// Edges that seem to have moved by more than this, in pixels, are skipped, because they probably show other content.
+/// Maximum displacement of an edge, in pixels. Edges that seem to have moved farther probably show other content.
 const MAX_MOVED: f64 = 3.0;
 /// Number of parts across and down. Within a part, depths are assumed to be equally wrong.
 const PARTS: u32 = 12;
-/// A picture is measured only if the mean squared displacement of its edges that its own best shift leaves unexplained
-/// is at most this, in pixels squared. In poor predictions, edges match other edges.
+/// Maximum mean squared displacement of a measured picture's edges after its own best shift, in pixels squared. In poor
+/// predictions, edges match other edges.
 const MAX_MEAN_SQUARE: f64 = 1.0;
-/// A picture is measured only if it has at least this many edges.
+/// Minimum number of edges in a measured picture.
 const MIN_EDGES: u32 = 500;
 
 /// Measures the shift of the picture `shown` across its epipolar lines. `None` if its size differs from its target's,

@@ -12,29 +12,26 @@ use crate::pairs::valid_depth::median_of;
 
 /// Number of cells across and down.
 const GRID: [u32; 2] = [40, 30];
-/// A cell may have foreign content if picture and target differ there by at least this, in levels.
+/// Minimum difference between picture and target in a cell that may have foreign content, in levels.
 const MIN_FOREIGN_DIFFERENCE: u8 = 12;
-/// The content of a cell counts as equal if it differs from the pictures' median by at most this, in levels.
+/// Maximum difference of a cell's content from the pictures' median for it to count as equal, in levels.
 const MAX_EQUAL_DIFFERENCE: u8 = 3;
-/// Pictures are compared only if they have at least this many targets.
+/// Minimum number of targets for comparing pictures.
 const MIN_TARGETS: usize = 4;
-/// Pictures are compared only if they have at least this many sources, because predictions from one source may be
-/// alike.
+/// Minimum number of sources for comparing pictures, because predictions from one source may be alike.
 const MIN_SOURCES: usize = 3;
-/// Foreign content is reported only if at least this share of the pictures have it.
+/// Minimum share of the pictures that have a reported foreign content.
 const MIN_SHARE: f64 = 0.8;
-/// Content is foreign only if the targets differ there: the median of their differences from their median level must be
-/// at least this, in levels.
+/// Minimum median difference of the targets from their median level where content is foreign, in levels. Content is
+/// foreign only where the targets differ.
 const MIN_TARGET_DIFFERENCE: f64 = 8.0;
-/// Content is reported only if it fills at least this many cells.
+/// Minimum number of cells that reported content fills.
 const MIN_CELLS: usize = 8;
-/// Content is reported only if it fills at least this share of the rectangle around it, because other faults are
-/// scattered.
+/// Minimum share of the rectangle around it that reported content fills. Other faults are scattered.
 const MIN_FILLED: f64 = 0.4;
-/// Content is reported only if it fills at most this share of all cells, because pictures that are wrong everywhere
-/// have another cause.
+/// Maximum share of all cells that reported content fills. Pictures that are wrong everywhere have another cause.
 const MAX_SHARE: f64 = 0.5;
-/// Content is reported only if its contrast is at least this, in levels, because holes and backgrounds have one colour.
+/// Minimum contrast of reported content, in levels. Holes and backgrounds have one colour.
 const MIN_CONTRAST: u8 = 24;
 
 /// Cells in which a picture differs from its target, with the mean levels of both.

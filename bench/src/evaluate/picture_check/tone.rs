@@ -21,37 +21,35 @@ use crate::evaluate::record::Record;
 const GRID: [u32; 2] = [32, 24];
 /// Quantiles that are compared, in percent.
 const QUANTILES: [usize; 5] = [10, 30, 50, 70, 90];
-/// Pixels up to this level are black. Cells with a black pixel are skipped as holes unless the target is dark there.
+/// Highest level that counts as black. Cells with a black pixel are skipped as holes unless the target is dark there.
 const MAX_BLACK: u8 = 3;
-/// The target is dark in a cell if its mean there is at most this level.
+/// Maximum mean level of the target in a cell where it is dark.
 const MAX_DARK: u8 = 20;
-/// A picture's tone is measured only if at least this share of its cells remains.
+/// Minimum share of a picture's cells that remain for measuring its tone.
 const MIN_CELLS: f64 = 0.5;
 /// Levels outside this range may be clipped.
 const UNCLIPPED: std::ops::RangeInclusive<u8> = 12..=247;
-/// A finding is reported only if at least this many pictures of a dataset have it.
+/// Minimum number of a dataset's pictures with a reported finding.
 const MIN_PICTURES: usize = 3;
-/// A curve, or dark corners, are reported only if at least this share of a dataset's pictures have them.
+/// Minimum share of a dataset's pictures with a reported curve or dark corners.
 const MIN_SHARE: f64 = 0.8;
-/// A curve is sought only if the root mean square difference of the pictures' levels from the targets' is at least
-/// this.
+/// Minimum root mean square difference of the pictures' levels from the targets' for seeking a curve.
 const MIN_OFF: f64 = 8.0;
 /// [`MIN_OFF`] for one scene of a dataset. Blurred predictions of one scene differ by less.
 const MIN_OFF_IN_SCENE: f64 = 16.0;
-/// A curve explains levels if it reduces their squared error to at most this fraction.
+/// Maximum squared error that remains if a curve explains the levels, as a fraction of the error without it.
 const MAX_EXPLAINED_ERROR: f64 = 0.25;
-/// A curve with more parameters is preferred only if it reduces the squared error to at most this fraction of the
-/// simpler curve's.
+/// Maximum squared error of a curve with more parameters, as a fraction of the simpler curve's, for preferring it.
 const MAX_BETTER_ERROR: f64 = 0.6;
 /// A cubic curve is reported only if its squared error is at most this fraction of the best line's, or if it raises
 /// contrast at least by [`MIN_RAISED_CONTRAST`]. Methods that blur or hedge never raise contrast.
 const MAX_CUBIC_ERROR: f64 = 0.35;
 const MIN_RAISED_CONTRAST: f64 = 1.15;
-/// A cubic curve is told only if the root mean square difference that it leaves is at most this, in levels. Poor
-/// predictions with holes differ by more from any curve.
+/// Maximum root mean square difference that a cubic curve leaves, in levels. Poor predictions with holes differ by more
+/// from any curve.
 const MAX_OFF_CUBIC: f64 = 5.0;
-/// A difference in exposure between sources and targets is reported only if at least this share of the pictures follow
-/// their sources.
+/// Minimum share of the pictures that follow their sources, for reporting a difference in exposure between sources and
+/// targets.
 const MIN_FOLLOWING: f64 = 0.4;
 /// Minimum mean difference of the levels for a curve that changes contrast, as a fraction of their root mean square
 /// difference. Not required if the curve explains the levels clearly better than a mere loss of contrast.
@@ -64,7 +62,8 @@ const RINGS: [(f64, f64); 3] = [(0.0, 0.12), (0.3, 0.5), (0.65, 1.0)];
 /// Minimum darkening of dark corners. Darkening is the natural logarithm of picture / target brightness in the middle,
 /// minus that in the corners.
 const MIN_DARKENING: f64 = 0.16;
-/// A picture's darkening, as a natural logarithm, agrees with the others' if it differs by at most this.
+/// Maximum difference of a picture's darkening from the median of all, as a natural logarithm, if the picture agrees;
+/// 0.3 of the median if that is larger.
 const MAX_UNEVEN: f64 = 0.12;
 /// Minimum darkening halfway to the corners, as a share of the corners' own darkening.
 const MIN_BETWEEN: f64 = 0.15;
@@ -77,16 +76,16 @@ const WIDER: [(&str, [f64; 3]); 2] = [
     ("Adobe RGB", [0.285, 0.0, 0.041]),
     ("Display P3", [0.178, 0.033, 0.09]),
 ];
-/// A picture agrees with a wider colour space if each of its shares differs by at most this. Predictions of weak colours
-/// mix more green into blue.
+/// Maximum difference of each share of a picture that agrees with a wider colour space. Predictions of weak colours mix
+/// more green into blue.
 const MAX_MIXED_OFF: f64 = 0.05;
-/// Mixing is measured only if the variance of the difference between two channels is at least this, in linear light.
+/// Minimum variance of the difference between two channels for measuring mixing, in linear light.
 const MIN_COLOUR: f64 = 4e-4;
 
-/// A picture counts as masked if at least this percentage of the content shown by both source and target is black or
-/// white. Holes of predictions do not count, because they are where the source shows nothing.
+/// Minimum percentage of the content shown by both source and target that is black or white in a masked picture. Holes
+/// of predictions do not count, because they are where the source shows nothing.
 const MIN_MASKED_PERCENT: u8 = 5;
-/// Masks are reported only if at least this share of the pictures are masked.
+/// Minimum share of masked pictures for a report.
 const MIN_MASKED_SHARE: f64 = 0.5;
 
 /// Measures a picture's tone; all pictures are shrunk. `None` if too much of the picture is black.
