@@ -41,8 +41,8 @@ impl Trial<'_> {
     }
 
     /// The factor of the standard deviations with which the Gaussians match the source far better than as read; `None`
-    /// if there is none. Factors below 1 are tried only if the rendering is blurred, and the first that matches is
-    /// taken: still narrower Gaussians, drawn as mere centres, would resemble the source even more.
+    /// if no factor does. Factors below 1 are tried only if the rendering is blurred. The first of them that matches is
+    /// taken, because still narrower Gaussians, drawn as mere centres, would resemble the source even more.
     pub(in crate::evaluate) fn other_widths(
         &self,
         gaussians: &Gaussians,

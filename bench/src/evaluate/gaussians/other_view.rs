@@ -13,7 +13,8 @@ use crate::methods::file_reading::{FileReading, FileSpace};
 use crate::pairs::PosedCamera;
 
 /// Other views of the source's scene whose photographs have this `size`: the source's neighbours, the view at the
-/// mirrored position in the scene's order, and the first view, whose camera may define the scene's coordinates.
+/// mirrored position in the scene's order, and the first view. The first view's camera may define the scene's
+/// coordinates.
 pub(super) fn other_views(
     source: &PosedCamera,
     scene: &Scene,

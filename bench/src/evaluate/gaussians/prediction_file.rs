@@ -42,9 +42,9 @@ struct Said {
     rule: Option<String>,
 }
 
-/// Writes a prediction with everything needed to render it: arrays (`colors_linear` are in the
-/// rule's blending space), space, rule, depth layer, reading, the method's extras, the time it took
-/// in seconds, and a checksum.
+/// Writes a prediction with everything needed to render it: arrays (`colors_linear` are in the rule's blending space),
+/// space, rule, depth layer and reading. Also writes the method's extras, the time that the prediction took in seconds,
+/// and a checksum.
 pub(in crate::evaluate) fn write_prediction(
     path: &Path,
     prediction: &GaussianPrediction,

@@ -177,9 +177,9 @@ impl Trial<'_> {
         mean_area(&gaussians.subset(&seen.members), &view)
     }
 
-    /// The factors of the focal length and the shift, in pixels to the right and down, that spread the centres of the
-    /// `gaussians` over the whole photograph; `None` unless they all lie in a part of it, as if they had been placed on a
-    /// grid of another size than the intrinsics'.
+    /// The factors of the focal length, and the shift in pixels to the right and down, that spread the centres of the
+    /// `gaussians` over the whole photograph. `None` unless all centres lie in a part of it, as if they had been placed
+    /// on a grid whose size differs from the intrinsics'.
     pub(in crate::evaluate) fn spread(
         &self,
         gaussians: &Gaussians,
