@@ -186,7 +186,7 @@ impl Cli {
     }
 }
 
-/// More threads than any machine has. Starting more would take longer than the work itself.
+/// Maximum number of threads, more than any machine has. Starting more would take longer than the work itself.
 const MAX_THREADS: usize = 4096;
 
 /// Sizes the global thread pool; `None` uses all cores.

@@ -205,8 +205,8 @@ impl Terminal {
         #[cfg(unix)]
         for &signal in signals {
             let asked = &terminal.asked_to_stop;
-            // Exit at once on a second signal. This handler is registered first, because handlers run in the order of
-            // registration, and the other one sets the flag that this one checks.
+            // Exit at once on a second signal. Handlers run in the order of registration, so register this one before
+            // the handler that sets the flag which it checks.
             signal_hook::flag::register_conditional_shutdown(signal, 75, Arc::clone(asked))?;
             signal_hook::flag::register(signal, Arc::clone(asked))?;
         }

@@ -163,7 +163,7 @@ fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     }
 }
 
-/// What this machine has of the things that the table's rows require.
+/// Which of the things that the table's rows require are on this machine.
 fn at_hand(table: &PublishedTable) -> String {
     let weights = Weights::at_hand();
     match table.made_by {

@@ -113,8 +113,8 @@ fn is_below(path: &Path) -> bool {
     parts.clone().next().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// Suggests a value for `file=`, as a message: the template that finds the most of the pairs' files in the folder.
-/// `None` if no template finds any. `extensions` are those of the files that the method reads.
+/// Suggests a value for `file=`, as a message: the template that finds the largest number of the pairs' files in the
+/// folder. `None` if no template finds any. `extensions` are those of the files that the method reads.
 pub(super) fn suggestion(
     folder: &Path,
     ids: &BTreeSet<String>,

@@ -39,7 +39,7 @@ pub struct DatasetReading {
     pub value: String,
     /// Whether the value is known to differ from the paper's.
     pub proxy: bool,
-    /// Whether the paper, which does not state its value, may have used other values.
+    /// Whether the paper does not state the value, and may have used another.
     #[serde(default)]
     pub open: bool,
 }

@@ -99,8 +99,8 @@ pub(super) fn most_lost<'a>(
     worst_first
 }
 
-/// A number that is larger for worse scores: the mean score of the ranked methods in the first metric that has finite
-/// scores, negated if higher is better.
+/// Mean score of the ranked methods in the first metric that has finite scores, negated if higher is better, so that
+/// larger is worse.
 pub(super) fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column]) -> f64 {
     let mean_of = |metric: &Column| {
         let sign = match metric.direction? {

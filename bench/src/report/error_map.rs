@@ -106,7 +106,7 @@ pub fn picture(
     }))
 }
 
-/// A reduced pixel is hatched if the share of scored pixels that it covers is below this.
+/// Share of scored pixels, among those that a reduced pixel covers, below which the reduced pixel is hatched.
 const MIN_SCORED: f32 = 0.5;
 
 /// Values in colour, reduced to fit `side` pixels by averaging over scored pixels. A reduced pixel is [`hatched`] if

@@ -168,8 +168,8 @@ impl Page<'_> {
     }
 }
 
-/// Data of the pairs, from which the page's script builds the cards that are in view: JSON that is safe inside a
-/// `script` element, without `<` and control characters.
+/// JSON from which the page's script builds the cards of the pairs in view. It is safe inside a `script` element: it
+/// contains neither `<` nor control characters.
 fn json(page: &Page<'_>) -> String {
     let methods = page.board.methods.iter().enumerate().map(|(at, method)| {
         json!({

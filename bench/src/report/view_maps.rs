@@ -8,7 +8,7 @@ use super::error_map::{averaged, hatched};
 
 /// Maximum number of depth values used to choose the ends of the colour scale.
 const SAMPLES: usize = 1 << 16;
-/// The colour scale leaves out this share of the values at each end.
+/// Share of the values that the colour scale leaves out at each end.
 const CUT_SHARE: f64 = 0.02;
 
 /// The picture, with stripes over pixels that are not scored.

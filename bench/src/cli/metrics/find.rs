@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-/// A printed number. Values are rounded to as many decimals before they are compared with it.
+/// A printed number. Values are rounded or truncated to its number of decimals before they are compared with it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sought {
     value: f64,
@@ -33,7 +33,7 @@ impl FromStr for Sought {
 }
 
 impl Sought {
-    /// Whether a value, rounded or truncated to as many decimals, has the digits of this number.
+    /// Whether a value, rounded or truncated to this number's decimals, has the same digits.
     pub(super) fn matches(&self, value: f64) -> bool {
         let unit = 10_f64.powi(-self.decimals);
         let agrees = |shown: f64| (shown * unit - self.value).abs() < 1e-3 * unit;

@@ -94,7 +94,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
             }
             let made_for = MarkedRule::of(&scene.marks);
             if given.color_space.is_some() {
-                // Only SHARP's files need --color-space, so the user takes this file for one of them: mark the result
+                // Only SHARP's files need --color-space. The user has set it, so this is one of them: mark the result
                 // as SHARP's.
                 scene.marks.generator = Some(Generator::Sharp);
             }

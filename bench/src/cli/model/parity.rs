@@ -129,7 +129,7 @@ struct PortParity {
 }
 
 impl PortParity {
-    /// The settings (`key=value,…`) with which to read the port's file for better agreement.
+    /// Settings (`key=value,…`) under which the port's file agrees better with the reference.
     fn settings(&self) -> String {
         let settings = self.differences.settings.iter();
         let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();

@@ -14,7 +14,7 @@ use crate::io::counts::counted;
 use crate::pairs::PairList;
 use crate::pairs::pair_list::{ListDiff, Verification};
 
-/// At most this many lines are printed per kind of difference; `--json` prints all.
+/// Maximum number of lines printed per kind of difference; `--json` prints all.
 const LINES: usize = 20;
 
 /// Compare two lists: show pairs that are in only one list, and values that differ

@@ -1,8 +1,8 @@
 //! Values that are known to differ from the paper's. Choices that the paper leaves open are not
 //! listed.
 //!
-//! The paper states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the dataset's depth where
-//! the latter is sparse, min(512, all) pairs, and for stereo datasets the pair from every left frame to its right one.
+//! The paper states: sets of ten views; depth overlap above 60 %; predicted depth, scaled to the dataset's depth where
+//! that is sparse; min(512, all) pairs; and for stereo datasets, the pair from every left frame to its right one.
 
 pub use sharp_datasets::spec::PaperOverlap;
 

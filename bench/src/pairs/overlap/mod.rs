@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use super::depth::PosedDepth;
 use super::valid_depth::is_valid_depth;
 
-/// Condition for a projected pixel to count as seen. In addition, it must be in front of the other camera and inside
-/// that camera's image.
+/// Condition for a projected pixel to count as seen. In addition, its point must be in front of the other camera and
+/// project into that camera's image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OverlapTest {
     Frustum,

@@ -10,10 +10,10 @@ use sharp_datasets::{Scene, View};
 use super::{PairList, absent_scene};
 use crate::pairs::Pair;
 
-/// Baselines count as equal up to this difference, in metres: far below any calibration error, far above rounding.
+/// Largest difference of baselines that count as equal, in metres: far below any calibration error, far above rounding.
 const SAME_BASELINE_M: f64 = 1e-9;
 
-/// Rotations count as equal up to this difference, in degrees. It allows for rounding errors, amplified by the arc
+/// Largest difference of rotations that count as equal, in degrees. It allows for rounding errors, amplified by the arc
 /// cosine or arc sine that gives the angle.
 const SAME_ROTATION_DEG: f64 = 1e-6;
 

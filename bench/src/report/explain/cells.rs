@@ -11,7 +11,7 @@ use crate::evaluate::record::Record;
 use crate::report::column::Column;
 use crate::report::tables::rank::rounded;
 
-/// Values that differ by less than this count as equal: the difference is only due to the order of computation.
+/// Difference below which values count as equal, because it is only due to the order of computation.
 const SAME: f64 = 1e-9;
 
 /// The scenes whose pairs are averaged.

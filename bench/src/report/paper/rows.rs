@@ -254,7 +254,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
     })
 }
 
-/// One row per checkpoint: the number of all parameters and, for SHARP's checkpoints, of those that the paper trains.
+/// One row per checkpoint: its number of parameters and, for SHARP's checkpoints, the number that the paper trains.
 fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {

@@ -12,12 +12,11 @@ use crate::report::statistics::of_extra;
 use super::Table;
 use super::rank::rounded;
 
-/// If a method scores worse than a baseline, a remark mentions the method's holes if they cover at least this share of
-/// the pixels.
+/// Minimum share of the pixels in a method's holes for mentioning the holes if the method scores worse than a baseline.
 const MIN_HOLE_SHARE: f64 = 0.01;
 
-/// The metrics that have a score in at least one record, and a sentence on why the others, if any, have none. If no
-/// metric has a score, returns all metrics without a sentence, because the cells then state the reason.
+/// The metrics that have a score in at least one record, and a sentence on why the remaining metrics, if any, have
+/// none. If no metric has a score, returns all metrics without a sentence, because the cells then state the reason.
 pub(in crate::report) fn scored(
     records: &[Record],
     metrics: &[Column],

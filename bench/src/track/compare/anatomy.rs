@@ -24,12 +24,12 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::pictures::ReportPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
-/// Two depths belong to different surfaces if they differ by more than this share. The computation
-/// of overlap uses the same value.
+/// Relative difference above which two depths belong to different surfaces. The computation of overlap uses the same
+/// value.
 const SURFACE_TOLERANCE: f64 = 0.05;
 /// Distance up to which pixels belong to a depth edge, in pixels.
 const EDGE_RADIUS: i64 = 3;
-/// A class has scores for a pair only if it has at least this share of the pair's scored pixels.
+/// Minimum share of a pair's scored pixels in a class that has scores for the pair.
 const MIN_SHARE: f64 = 0.001;
 
 /// Class of a target pixel for methods that use only the source. A pixel to which several classes

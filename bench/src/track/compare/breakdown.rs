@@ -16,7 +16,7 @@ use crate::evaluate::record::Record;
 use crate::report::sweep::Motion;
 use sharp_plots::scale::Step;
 
-/// At most this many bins per measure of motion.
+/// Maximum number of bins per measure of motion.
 const BINS: usize = 5;
 
 /// How pairs or pixels are divided into parts.

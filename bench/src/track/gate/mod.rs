@@ -1,6 +1,6 @@
-//! Decides whether run B may replace run A. A limit fires in any of these cases: a mean score is worse by more than the
-//! limit *and* the difference is statistically significant; a single scene is worse by more than its limit; pairs lost
-//! their scores; or predictions cost more.
+//! Decides whether run B may replace run A. A limit fires if a mean score is worse by more than the limit *and* the
+//! difference is statistically significant. It also fires if a single scene is worse by more than its limit, if pairs
+//! lost their scores, or if predictions cost more.
 //!
 //! * [`config`]: limits and their text form; [`output`]: tables, JUnit XML and Markdown.
 //! * `judge`: applies limits on scores and coverage to a comparison; `cost`: limits on time and

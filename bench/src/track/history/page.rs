@@ -18,7 +18,7 @@ use sharp_statistics::Verdict;
 
 /// Font size of the labels below the axis, CSS pixels.
 const LABEL_SIZE: f64 = 11.5;
-/// Up to this number of entries, labels fit below the axis.
+/// Maximum number of entries whose labels fit below the axis.
 const MAX_LABELLED: f64 = 9.0;
 /// Distance between the points of two methods at one entry, CSS pixels.
 const POINT_DISTANCE: f64 = 7.0;

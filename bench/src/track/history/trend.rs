@@ -1,10 +1,10 @@
 //! Scores from entry to entry, and the entries that changed them.
 //!
 //! # Comparable entries
-//! An entry continues a series from an earlier entry: the latest entry that has the same
-//! photographs and can be [compared](crate::track::compare) on that dataset under that metric. If
-//! this is not the previous entry, the series is broken at this point and the reason is recorded.
-//! An entry that is comparable with no earlier one starts a new part.
+//! An entry continues a series from an earlier entry: the latest one that has the same photographs and can be
+//! [compared](crate::track::compare) on the series' dataset under its metric. If this is not the previous entry, the
+//! series is broken at this point and the reason is recorded. An entry that is comparable with no earlier one starts a
+//! new part.
 //!
 //! # Change points
 //! Both rules use the test of `compare` on the same pairs, at 0.05 after Holm's correction over the
