@@ -1,6 +1,6 @@
 //! The harness: pairs from datasets, predictions from methods, scores from metrics, and reports.
 //!
-//! Data flows one way; each module uses only those above it. The command line uses only the public API.
+//! Data flows one way: each module uses only modules listed above it. The command line uses only the public API.
 //!
 //! * [`io`]: reading and writing files.
 //! * [`pairs`]: selection of the evaluated pairs, and the geometry behind it.

@@ -110,7 +110,7 @@ impl Binning {
     }
 }
 
-/// A value that is below an edge by less than this fraction of the bin's width counts as lying on the edge. Camera
+/// Distance below an edge, as a fraction of the bin's width, up to which a value counts as lying on the edge. Camera
 /// centres are rounded, so distances between them are not exact.
 const ROUNDING: f64 = 1e-9;
 

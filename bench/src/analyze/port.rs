@@ -17,17 +17,18 @@ use sharp::unprojection::covariance;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
-/// An interpretation of the port's file is tested on about this many Gaussians, evenly spread over the file.
+/// Approximate number of Gaussians, evenly spread over the file, on which an interpretation of the port's file is
+/// tested.
 const SAMPLE: usize = 4096;
-/// Gaussians count as matched if their median distance, as computed by [`Pair::distance`], is below this many pixels.
+/// Median distance, as computed by [`Pair::distance`], below which Gaussians count as matched, in pixels.
 const SAME_PLACE: f64 = 2.0;
 /// Factor by which one number must exceed another to count as clearly larger. Used to compare an
 /// attribute's median difference under two interpretations of the file, and the size of a common
 /// shift with its spread.
 const MUCH_LESS: f64 = 10.0;
-/// Median differences of an attribute up to this, in per cent, count as agreement: no other interpretation is chosen.
+/// Largest median difference of an attribute that counts as agreement, in per cent: no other interpretation is chosen.
 const NEGLIGIBLE: f64 = 0.1;
-/// A common shift of all Gaussians is reported as a cause if it is at least this large, in pixels.
+/// Minimum common shift of all Gaussians that is reported as a cause, in pixels.
 const MIN_SHIFT: f64 = 0.05;
 /// Side of a cell of the neighbour search, in pixels.
 const CELL: f64 = 4.0;

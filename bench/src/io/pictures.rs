@@ -220,7 +220,7 @@ fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     first.ok_or_else(|| malformed(path, "it has no layer"))
 }
 
-/// Linear values above this exceed 1 by at least half an 8-bit level, so that clipping to white changes the pixel.
+/// Linear value above which clipping to white changes the pixel: it exceeds 1 by half an 8-bit level.
 const BEYOND_WHITE: f32 = 1.0045;
 
 fn read_exr(

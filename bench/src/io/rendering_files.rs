@@ -64,9 +64,9 @@ fn png(
 /// this attribute, so users must state the transfer function of their files.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
 
-/// Writes RGB as blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated
-/// depth (`Z`: Σ w z, metres; divide by alpha for the expected depth) as lossless f32. The file
-/// states whether RGB is linear light, which is encoded when the file is read as a picture.
+/// Writes RGB as blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated depth (`Z`: Σ w z,
+/// metres; divide by alpha for the expected depth) as lossless f32. The file states whether RGB is linear light. If so,
+/// reading the file as a picture encodes it as sRGB.
 pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
     let [r, g, b] = [0, 1, 2].map(|channel| {
         let values = rendered.rgb.iter().map(|rgb| rgb[channel]);

@@ -22,7 +22,8 @@ pub enum MatchError {
         path: PathBuf,
         other: PathBuf,
         by: MatchBy,
-        /// How many others have none, and how the other folder's names look; empty for a single picture.
+        /// How many pictures of either folder have no counterpart, with some of their names, and advice. Empty for a
+        /// single picture.
         more: String,
     },
     /// Two pictures that both match the same picture.

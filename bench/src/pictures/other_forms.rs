@@ -21,9 +21,8 @@ pub struct OtherForm {
     pub value: f64,
 }
 
-/// Computes all variants for two pictures of the same size, without those that have no value.
-/// `mask` marks the pixels that count. Networks are taken from `scorer`; variants whose network
-/// `scorer` has not loaded are skipped.
+/// Computes the variants that have a value for two pictures of the same size. `mask` marks the pixels that count.
+/// Networks are taken from `scorer`; variants whose network `scorer` has not loaded are skipped.
 pub fn other_forms(
     scorer: &Scorer,
     prediction: &Picture,

@@ -4,7 +4,7 @@
 use sharp::gaussians::Gaussians;
 use sharp::render::{Backend, CpuRenderer, RenderError, RenderOutput, RenderView, Renderer};
 
-/// Renders batches of views. Once a device was lost or ran out of memory, all remaining views are rendered on the CPU.
+/// Renders batches of views. After a device is lost or runs out of memory, renders all remaining views on the CPU.
 pub struct BatchRenderer {
     device: Option<Box<dyn Renderer>>,
     cpu: CpuRenderer,

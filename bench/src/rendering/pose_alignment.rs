@@ -24,7 +24,7 @@ const NARROWEST: u32 = 60;
 /// Minimum low-pass for all pictures but the last, in px²; this low-pass blurs Gaussians that would
 /// be smaller than a pixel.
 const LOW_PASS: f32 = 0.3;
-/// The initial shift is searched in the largest picture up to this width, in pixels.
+/// Maximum width of the picture in which the initial shift is searched, in pixels.
 const SHIFT_WIDTH: u32 = 160;
 /// Maximum initial shift, as a share of the width.
 const MAX_SHIFT: f64 = 0.1;
@@ -35,7 +35,7 @@ const REACH: f64 = 0.5;
 /// Smaller values of [`REACH`] for the final rounds at the last width, in pixels. Smaller values
 /// reduce the effect of single pixels.
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
-/// Iteration at a width ends after a step smaller than this, in pixels.
+/// Length of a step below which the iteration at a width ends, in pixels.
 const LAST_STEP: f64 = 0.01;
 /// Damping of the first step.
 const INITIAL_DAMPING: f64 = 1e-3;

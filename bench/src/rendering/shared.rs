@@ -13,7 +13,7 @@ use sharp::render::{
 };
 use sharp_datasets::DepthMap;
 
-/// A pixel with alpha below this counts as a hole, because it shows more background than surface.
+/// Alpha below which a pixel counts as a hole, because it shows more background than surface.
 pub const HOLE_ALPHA: f32 = 0.5;
 
 /// Settings other than the backend that determine a rendering's pixels. The paper does not state

@@ -64,7 +64,7 @@ fn degrees_of_freedom(sample: &Clusters) -> f64 {
     fitted(&vec![1.0; clusters.len()]).min(fitted(&estimated_variances(sample)))
 }
 
-/// From this many degrees of freedom, Student's distribution is treated as normal.
+/// Degrees of freedom from which Student's distribution is treated as normal.
 const MAX_DEGREES: f64 = 1e6;
 
 /// Variances of the clusters' means: the variance between clusters plus the variance between pairs

@@ -62,10 +62,10 @@ pub enum NetworkError {
     OtherWeights { path: PathBuf, sha256: String },
 }
 
-/// The network of a checkpoint, on the CPU. `checkpoint` is a file, or `mini` for the bundled
-/// network; if `checkpoint` is `None`, the official checkpoint is searched for. The configuration
-/// is `config` (`FILE.json#NAME`) if given, otherwise the configuration in a fitting `.json` next
-/// to the file, otherwise the release's. `mini` has its own configuration and accepts no other.
+/// The network of a checkpoint, on the CPU. `checkpoint` is a file, or `mini` for the bundled network; if `checkpoint`
+/// is `None`, the official checkpoint is searched for. `config` (`FILE.json#NAME`) is the configuration. Without it,
+/// the official checkpoint has the release's. That of another file is the first that fits of `STEM.json` next to the
+/// file, the release's, and any other `.json` next to the file. `mini` has its own configuration and accepts no other.
 ///
 /// # Errors
 /// [`NetworkError`] if no checkpoint is found, if the file or its configuration cannot be read, if several
