@@ -189,11 +189,10 @@ struct Pair<'a> {
 impl Pair<'_> {
     /// Placement and order of the port's Gaussians, and the matched pairs of indices.
     ///
-    /// If both have equally many Gaussians, the known orders are tried, and the order with the
-    /// smallest median distance between matched Gaussians is taken. This distance must be below
-    /// [`SAME_PLACE`], unless opacities or colours show that the order is the reference's.
-    /// Otherwise, Gaussians are matched by position, with the placement that gives the most
-    /// matches.
+    /// If port and reference have equally many Gaussians, the known orders are tried, and the order with the smallest
+    /// median distance between matched Gaussians is taken. This distance must be below [`SAME_PLACE`], unless opacities
+    /// or colours show that the order is the reference's. Otherwise, Gaussians are matched by position, with the
+    /// placement that gives the most matches.
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {

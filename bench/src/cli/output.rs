@@ -1,5 +1,4 @@
-//! Prints results to standard output, so that they can be piped, and notes, warnings and progress
-//! to standard error.
+//! Prints results to standard output, where they can be piped. Prints notes, warnings and progress to standard error.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
@@ -186,8 +185,7 @@ impl Terminal {
         )
     }
 
-    /// Like [`Self::until`], but Ctrl-C also requests a stop, for work of which much would be lost if the process were
-    /// killed.
+    /// Like [`Self::until`], but Ctrl-C also requests a stop. For work that would lose much if the process were killed.
     pub(super) fn until_interrupted(budget: Option<Duration>) -> io::Result<Self> {
         Self::obeying(
             budget,

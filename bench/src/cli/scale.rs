@@ -110,7 +110,7 @@ struct KubernetesArgs {
     mount: PathBuf,
 }
 
-/// Path of this program, unless it is embedded in another.
+/// Path of this program. Fails if the program is not `sharp-bench` itself, such as a Python interpreter.
 fn own_program() -> anyhow::Result<PathBuf> {
     let program = std::env::current_exe()?;
     let stem = program.file_stem().unwrap_or_default();

@@ -146,7 +146,7 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// The command that a table's rows are read from, and what it needs.
+/// The command whose output a table's rows are read from, and what a row must name.
 fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     match table.made_by {
         MadeBy::Run => ("run", "a run on the table's datasets"),

@@ -123,7 +123,7 @@ impl Viewer<'_> {
             "bounds": shared.bounds.as_flattened(),
             "eps2d": rule.low_pass,
             "near": shared.near,
-            // JSON has no infinity; the largest number stands for it.
+            // JSON has no infinity, so write the largest f32 instead.
             "far": rule.far.min(f32::MAX),
             "alpha_max": rule.alpha_max,
             "compensation": shared.compensation,

@@ -18,8 +18,8 @@ const SAMPLING: &str = "sampling";
 /// Subject of alternative reader settings.
 const READING: &str = "dataset reading";
 
-/// The alternatives by subject. A text contains the changes of one subject, separated by spaces; [`PairOptions`] parses
-/// each.
+/// The alternatives by subject. Each text contains the changes of one subject, separated by spaces; [`PairOptions`]
+/// parses each change.
 const ALTERNATIVES: [(&str, &str); 10] = [
     ("threshold", "threshold=0.5 threshold=0.7 at-threshold=in"),
     (

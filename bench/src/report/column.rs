@@ -80,7 +80,7 @@ pub struct Column {
     pub short: String,
     /// Unit such as `dB`; empty for a number without unit.
     pub unit: String,
-    /// Number of decimals shown. Numbers are ranked after rounding to as many decimals.
+    /// Number of decimals shown. Numbers are rounded to this number of decimals before they are ranked.
     pub decimals: usize,
     /// Whether higher or lower values are better; `None` if values are not ranked.
     pub direction: Option<Direction>,

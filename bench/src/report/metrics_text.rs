@@ -68,7 +68,8 @@ impl MethodsText {
     /// Writes `methods.tex`, for `\\input`, and `methods.bib`.
     ///
     /// # Errors
-    /// If a file cannot be written, or exists and was not written by this program; then neither is written.
+    /// If a file cannot be written, or exists and was not written by this program. In the second case, nothing is
+    /// written.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, FileError> {
         let tex = format!("{MARK}; references: methods.bib\n{}\n", self.latex);
         let bib = format!("{MARK}\n\n{}", self.bibtex);

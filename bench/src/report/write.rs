@@ -242,7 +242,7 @@ fn with_uncertainty(tables: &[Table], uncertainty: Option<Uncertainty>) -> Vec<T
         .collect()
 }
 
-/// The metrics to show, and their tables. A remark in the first table says why other metrics are not shown.
+/// The metrics to show, and their tables. A remark in the first table states why other metrics are not shown.
 fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Table>) {
     let (metrics, remark) = remarks::scored(records, &board.metrics);
     let mut tables = build::of_scores(board, &metrics);

@@ -151,7 +151,7 @@ impl Validation {
     }
 }
 
-/// A folder of photographs, only a part of which is used by the second stage.
+/// A folder of photographs, of which the second stage uses only a part.
 struct SplitPhotographs {
     folder: PathBuf,
     held_out: Vec<PathBuf>,

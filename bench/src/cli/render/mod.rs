@@ -152,7 +152,7 @@ impl RenderArgs {
         self.rule.is_some() || rule.blending == ColorSpace::Srgb
     }
 
-    /// The rule, with --eps2d, --near and --far in place of its own values.
+    /// The rule, with its values replaced by --eps2d, --near and --far if given.
     fn over(&self, mut rule: Rule) -> Rule {
         rule.low_pass = self.rendering.eps2d.map_or(rule.low_pass, |LowPass(x)| x);
         rule.near = self.near.unwrap_or(rule.near);

@@ -196,7 +196,8 @@ fn with_widths(gaussians: &Gaussians, factor: f64) -> Gaussians {
     other
 }
 
-/// The rotation of a similarity. If the similarity mirrors, the rotation of its negative, which turns Gaussians alike.
+/// The rotation of a similarity. If the similarity mirrors, returns the rotation of its negative, which turns Gaussians
+/// in the same way.
 fn rotation(matrix: DMat3) -> DQuat {
     let scale = matrix.determinant().cbrt();
     DQuat::from_mat3(&(matrix * scale.recip())).normalize()

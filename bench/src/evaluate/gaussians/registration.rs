@@ -81,8 +81,8 @@ fn least<T: Copy + Default>(all: impl Iterator<Item = T>, error: impl Fn(T) -> f
     best.map(|(at, _)| at).unwrap_or_default()
 }
 
-/// Mean squared difference of the green channel. `from` maps the photograph's pixels to the picture's; the result is
-/// infinite if two thirds of them fall outside the picture.
+/// Mean squared difference of the green channel. `from` maps the photograph's pixels to the picture's. The result is
+/// infinite if at least two thirds of the photograph's pixels fall outside the picture.
 fn error(photograph: &RgbImage, picture: &RgbImage, from: impl Fn(f64, f64) -> (f64, f64)) -> f64 {
     let level = |x: f64, y: f64| f64::from(picture.get_pixel(x as u32, y as u32).0[1]);
     let (right, bottom) = (

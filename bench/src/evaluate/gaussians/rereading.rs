@@ -49,7 +49,7 @@ const SMALL_ZOOM: f64 = 0.05;
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
 /// Minimum extent of Gaussians that are spread over the photograph, as a share of its sides.
 const MIN_SPREAD: f64 = 0.1;
-/// Minimum factor by which spreading over the photograph enlarges the Gaussians' extent.
+/// Minimum factor by which spreading over the photograph enlarges the Gaussians' width or height.
 const MIN_SPREADING: f64 = 1.3;
 /// Average number of Gaussians per pixel above which standard deviations may be base-10 logarithms.
 const WIDE_LAYERS: f64 = 500.0;

@@ -212,7 +212,7 @@ pub(in crate::evaluate) fn check_source(
 }
 
 /// The prediction with its Gaussians in random order, for comparisons. At equal depth, earlier Gaussians cover later
-/// ones, which would shift the whole picture in the order of a file.
+/// ones. In the order of a file, this would shift the whole picture.
 fn shuffled(prediction: &GaussianPrediction) -> GaussianPrediction {
     let mut order: Vec<usize> = (0..prediction.gaussians.len()).collect();
     order.sort_by_cached_key(|&k| mix(k as u64));

@@ -17,7 +17,8 @@ const GRID: [u32; 2] = [12, 8];
 /// Minimum distance of block centres from the edges, in pixels. Twice the space that a block needs, because blocks keep
 /// their size when pictures are halved.
 const INSET: f64 = 2.0 * HALF as f64 + 1.0;
-/// Radius of the first search for a block, around its place in the target, both at half size, as a share of the width.
+/// Radius of the first search for a block around its place in the target, as a share of the width. Target and picture
+/// are at half size.
 const REACH: f64 = 0.15;
 /// Radius of the second search, around the place found by the first, in pixels at the shrunk size.
 const REFINED_REACH: i32 = 2;
@@ -46,7 +47,7 @@ const GAIN_OF_LENS: (f64, f64) = (0.1, 0.6);
 const MIN_RESAMPLED_ZOOM: f64 = 0.01;
 /// Maximum number of searches with a zoom undone.
 const MAX_RESAMPLINGS: usize = 4;
-/// Zooms to undo if too few blocks are found without.
+/// Zooms that are tried if too few blocks are found in the picture as it is.
 const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
 /// Distances from the epipolar lines are limited to this, in pixels, so that outliers do not dominate.
 const MAX_DISTANCE: f64 = 3.0;

@@ -8,8 +8,8 @@ use crate::pairs::pair_list::ResolvedPair;
 
 /// Number of pairs per dataset whose pictures are compared, evenly spaced.
 const SAMPLED: usize = 8;
-/// Number of pairs per dataset whose pictures' shift is measured, evenly spaced. A picture does not show a shift along its
-/// epipolar lines, and fewer pairs may all have their lines in one direction.
+/// Number of pairs per dataset whose pictures' shift is measured, evenly spaced. No picture shows a shift along its
+/// epipolar lines, and the lines of fewer pairs may all have one direction.
 const SHIFTS_MEASURED: usize = 24;
 /// Number of pairs per scene whose pictures are compared in addition, evenly spaced.
 const SAMPLED_IN_SCENE: usize = 6;

@@ -63,9 +63,9 @@ pub enum NetworkError {
 }
 
 /// The network of a checkpoint, on the CPU. `checkpoint` is a file, or `mini` for the bundled network; if `checkpoint`
-/// is `None`, the official checkpoint is searched for. `config` (`FILE.json#NAME`) is the configuration. Without it,
-/// the official checkpoint has the release's. That of another file is the first that fits of `STEM.json` next to the
-/// file, the release's, and any other `.json` next to the file. `mini` has its own configuration and accepts no other.
+/// is `None`, the official checkpoint is searched for. `mini` has its own configuration. Any other checkpoint has the
+/// configuration `config` (`FILE.json#NAME`), if given. Without it, the official checkpoint has the release's, and a
+/// file has the first that fits of `STEM.json` next to the file, the release's, and any other `.json` next to the file.
 ///
 /// # Errors
 /// [`NetworkError`] if no checkpoint is found, if the file or its configuration cannot be read, if several

@@ -164,8 +164,8 @@ impl Process {
         }
     }
 
-    /// Whether the program has exited. Does not reap it: while it is a zombie, its id, which is also the id of its
-    /// group, is not reused.
+    /// Whether the program has exited. Leaves an exited program as a zombie, so that its id, which is also the id of
+    /// its group, is not reused.
     fn has_ended(&mut self) -> bool {
         #[cfg(unix)]
         {

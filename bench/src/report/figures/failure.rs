@@ -55,7 +55,8 @@ pub fn sheet(comparison: &SheetContent<'_>, depth: Option<&Path>) -> Result<Shee
     })
 }
 
-/// Depth of the scored rendering, or the dataset's depth if no rendering was kept, and a caption that says which it is.
+/// Depth of the scored rendering, or the dataset's depth if no rendering was kept. Also returns the words that state
+/// where the depth is from.
 fn of_run(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,
@@ -69,7 +70,8 @@ fn of_run(
     }
 }
 
-/// The dataset's depth of the target, or of the source if the target has none, and a caption that says which it is.
+/// The dataset's depth of the target, or of the source if the target has none. Also returns the words that state where
+/// the depth is from.
 fn of_dataset(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,

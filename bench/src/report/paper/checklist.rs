@@ -293,7 +293,8 @@ fn whole_pictures(compared: &ChecklistInput<'_>, measured: &[&DatasetBoard<'_>])
         (
             "the best of several scales",
             match compared.paper.made_by {
-                // Here, the paper also takes the best of several scales; the condition by `privilege` says so.
+                // For these rows, the paper also takes the best of several scales, which the condition by `privilege`
+                // states.
                 MadeBy::PrivilegedRun => 0,
                 _ => count(|r| r.scale.is_some()),
             },

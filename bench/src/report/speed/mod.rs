@@ -56,7 +56,8 @@ impl SpeedReport {
     /// Writes `speed.md`, `speed.tex` and, if there are measurements, `speed.csv`.
     ///
     /// # Errors
-    /// If a file cannot be written, or exists and was not written by this program; then no file is written.
+    /// If a file cannot be written, or exists and was not written by this program. In the second case, nothing is
+    /// written.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
         let mut md = format!("<!-- {MARK} -->\n");
         let mut tex = format!("% {MARK}\n");

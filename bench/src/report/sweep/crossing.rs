@@ -16,8 +16,8 @@ use sharp_plots::bins::{Bin, Cuts, bins};
 pub struct Crossing {
     /// The position; −∞ if the means of all bins are above zero, ∞ if the mean of the last bin is not.
     pub x: f64,
-    /// 95 % interval of the position over resamples, each of which draws as many whole clusters as there are, with
-    /// replacement. Its ends may be infinite. `None` for fewer than two clusters.
+    /// 95 % interval of the position over resamples. Each resample draws as many whole clusters as there are, with
+    /// replacement. The ends of the interval may be infinite. `None` for fewer than two clusters.
     pub interval: Option<(f64, f64)>,
     pub clusters: usize,
 }

@@ -25,7 +25,7 @@ pub struct SweepFiles {
 /// crossings were requested.
 ///
 /// # Errors
-/// If a file cannot be written, or exists and was not written by this program; then no file is written.
+/// If a file cannot be written, or exists and was not written by this program. In the second case, nothing is written.
 pub fn write(
     sweep: &Sweep,
     out: &Path,

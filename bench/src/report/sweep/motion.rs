@@ -106,8 +106,8 @@ impl Motion {
         self.words()[2]
     }
 
-    /// Value at which the axis starts unless the smallest value of the data is lower or far higher; `None` to always
-    /// start at the data.
+    /// Value at which the axis starts, unless the smallest value of the data is lower or far higher. `None` if the axis
+    /// always starts at the smallest value.
     pub fn start(self) -> Option<f64> {
         (self != Self::Overlap).then_some(0.0)
     }

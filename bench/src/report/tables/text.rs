@@ -5,8 +5,8 @@ use crate::io::text::visible_line;
 use crate::report::column::Column;
 
 impl Table {
-    /// The table as lines without trailing spaces, with footnotes below. Widths are counted in
-    /// characters, each of which, including arrows and the infinity sign, takes one column.
+    /// The table as lines without trailing spaces, with footnotes below. Widths are counted in characters. Every
+    /// character, including arrows and the infinity sign, takes one column.
     pub fn text(&self) -> String {
         let heads = Column::heads(&self.columns);
         let mut grid = vec![vec![self.row_head.to_owned()]];

@@ -108,7 +108,7 @@ pub struct ScoreChange {
     /// Outcome of B relative to A.
     #[serde(serialize_with = "word")]
     pub verdict: Verdict,
-    /// Number of planned pairs that lack the score on at least one side.
+    /// Number of planned pairs whose score is missing on at least one side.
     #[serde(skip)]
     pub left_out: usize,
     /// Number of the dataset's scenes that show the same physical scene as an earlier scene of the
