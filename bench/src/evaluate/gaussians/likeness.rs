@@ -24,7 +24,7 @@ const SIGNIFICANCE_FREE: f64 = 2.0;
 const MAX_ABOUT_EQUAL: f64 = 1.1;
 /// Minimum share of a photograph's variance that a picture accounts for if it explains the photograph.
 const MIN_EXPLAINED: f64 = 0.5;
-/// Minimum ratio of the contrasts of a picture and its photograph for a report, the larger divided by the smaller.
+/// Minimum ratio of reported contrasts of a picture and its photograph, the larger divided by the smaller.
 const MIN_CONTRAST_RATIO: f64 = 1.6;
 /// Minimum gain from correcting brightness and contrast for reporting contrasts, in dB.
 const MIN_CONTRAST_GAIN_DB: f64 = 6.0;

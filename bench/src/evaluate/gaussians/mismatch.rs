@@ -17,7 +17,7 @@ const MIN_NARROWER_GAIN_DB: f64 = 4.0;
 const MIN_WIDER_GAIN_DB: f64 = 6.0;
 /// Minimum gain for reporting a factor that the depth suggests, in dB.
 const MIN_WIDTHS_GAIN_DB: f64 = 1.0;
-/// Maximum average number of wider Gaussians that cover a pixel, for trying them.
+/// Maximum average number of widened Gaussians per pixel for trying them.
 const MAX_LAYERS: f64 = 300.0;
 /// Minimum total area of narrower Gaussians (see [`Trial::overlap`]) for trying them, as a share of the picture.
 const MIN_OVERLAP: f64 = 0.5;

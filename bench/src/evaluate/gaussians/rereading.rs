@@ -21,7 +21,7 @@ use crate::rendering::SharedRenderer;
 use crate::rendering::shared::HOLE_ALPHA;
 use crate::scoring::Region;
 
-/// Maximum average number of Gaussians that cover a pixel under a reading that is tried; no photograph needs more.
+/// Maximum average number of Gaussians per pixel under a reading that is tried; no photograph needs more.
 const MAX_LAYERS: f64 = 3000.0;
 /// Minimum gain in the source's view, in dB, for a reading to be tried in other views.
 const MIN_SOURCE_GAIN_DB: f64 = 0.25;
@@ -53,7 +53,7 @@ const MIN_SPREAD: f64 = 0.1;
 const MIN_SPREADING: f64 = 1.3;
 /// Average number of Gaussians per pixel above which standard deviations may be base-10 logarithms.
 const WIDE_LAYERS: f64 = 500.0;
-/// Minimum share of a view that Gaussians cover if the view counts as wholly shown.
+/// Minimum share of a view that Gaussians cover for the view to count as wholly shown.
 const MIN_WHOLE_COVERAGE: f64 = 0.7;
 /// Minimum area of the Gaussians under another order of quaternions, relative to the area as read. Wrong orders reduce
 /// the area, because most Gaussians lie on surfaces that face the camera.

@@ -9,9 +9,9 @@ use super::finding::{PictureChange, ShownTarget, listed};
 use super::group::{Extent, PictureGroup, scene_of};
 use crate::evaluate::record::Record;
 
-/// Minimum number of a dataset's pictures with a change for it to be reported for the dataset.
+/// Minimum number of a dataset's pictures that have a change for the change to be reported.
 const MIN_CHANGED: usize = 3;
-/// Minimum share of a dataset's pictures with a change for it to be reported for the dataset.
+/// Minimum share of a dataset's pictures that have a change for the change to be reported.
 const MIN_SHARE: f64 = 0.8;
 /// [`MIN_SHARE`] for crops, padding and the limited range of video: unaltered pictures are rarely taken for these.
 const MIN_SHARE_DISTINCTIVE: f64 = 0.5;
@@ -20,8 +20,8 @@ const MIN_SHARE_DISTINCTIVE: f64 = 0.5;
 const MIN_SHARE_STRETCHED: f64 = 0.25;
 /// [`MIN_SHARE`] for changes that are [visible](PictureChange::is_visible).
 const MIN_SHARE_VISIBLE: f64 = 0.1;
-/// Minimum number of pictures with a [clear](PictureChange::is_clear) change for naming them, even if they are too few
-/// for a finding on the dataset.
+/// Minimum number of pictures with a [clear](PictureChange::is_clear) change for naming them. They are named even if
+/// they are too few for a finding on the dataset.
 const MIN_NAMED: usize = 2;
 /// Minimum share of a dataset's pictures with a clear change for naming them.
 const MIN_SHARE_NAMED: f64 = 0.02;

@@ -8,7 +8,7 @@ use super::sample::FEWEST;
 use super::shift::{far_shifted_pictures, shifted_pictures};
 use crate::evaluate::record::Record;
 
-/// Minimum share of the pictures with a measured camera that must agree on a wrong camera for a report.
+/// Among the pictures with a measured camera, the minimum share that agree on a reported wrong camera.
 const MIN_SHARE: f64 = 0.8;
 
 /// The cameras measured in a group's pictures.

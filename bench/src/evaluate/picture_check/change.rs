@@ -29,7 +29,7 @@ const MIN_BACKGROUND: f64 = 0.15;
 const MIN_OTHER: f64 = 0.7;
 /// Maximum width compared, in pixels.
 const WIDTH: u32 = 160;
-/// Minimum gain from undoing a mirroring or rotation for a report, in dB.
+/// Minimum gain from undoing a mirroring or rotation that is reported, in dB.
 const MIN_GAIN: f64 = 1.0;
 /// [`MIN_GAIN`] for swapped channels, which hardly change brightness, in dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
@@ -41,7 +41,7 @@ const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
 const MIN_GAIN_BY_RANK: f64 = 8.0;
 /// [`MIN_GAIN`] for another range of levels, in dB, because other exposures resemble other ranges.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
-/// PSNR below which other colour spaces are tried, in dB; a limit saves time. Pictures stored in another colour space
+/// PSNR below which other colour spaces are tried, in dB. The limit saves time. Pictures stored in another colour space
 /// have 8 to 13 dB.
 const MAX_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end of the range, because JPEG and resampling cause ringing there.

@@ -19,7 +19,7 @@ const MAX_MID_TONE_DIFFERENCE: u8 = 30;
 /// Maximum number of pixels compared.
 const SAMPLES: u32 = 32_768;
 /// Maximum excess of a picture's share of levels 0 (or 255) over the photograph's share of darkest (or brightest)
-/// levels if stretching is to explain these levels.
+/// levels that stretching explains.
 const MAX_SHARE_AT_ENDS: f64 = 2e-4;
 /// Minimum factor by which stretching raises a picture's contrast.
 const MIN_STRETCH: f64 = 1.04;

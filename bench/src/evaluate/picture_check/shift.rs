@@ -27,7 +27,7 @@ const MIN_PICTURES: usize = 3;
 /// Evidence for a shift: minimum sum of the shares that it explains (see [`MIN_EXPLAINED`]) over the pictures that
 /// agree. Three pictures that show it clearly count as much as six that hardly do.
 const MIN_SUM_OF_SHARES: f64 = 0.5;
-/// Minimum share of the pictures that could show a reported shift and agree on it.
+/// Among the pictures that could show a reported shift, the minimum share that agree on it.
 const MIN_SHARE: f64 = 0.65;
 /// Minimum share of the squared displacements of a picture's edges that a shift explains if the picture agrees with it.
 /// Pictures that would not reach this share even with exactly this shift are left out. In good predictions, a shift by

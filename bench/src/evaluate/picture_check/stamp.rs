@@ -20,7 +20,7 @@ const MAX_EQUAL_DIFFERENCE: u8 = 3;
 const MIN_TARGETS: usize = 4;
 /// Minimum number of sources for comparing pictures, because predictions from one source may be alike.
 const MIN_SOURCES: usize = 3;
-/// Minimum share of the pictures that have a reported foreign content.
+/// Minimum share of the pictures that have reported foreign content in common.
 const MIN_SHARE: f64 = 0.8;
 /// Minimum median difference of the targets from their median level where content is foreign, in levels. Content is
 /// foreign only where the targets differ.

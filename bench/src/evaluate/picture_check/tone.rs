@@ -76,8 +76,8 @@ const WIDER: [(&str, [f64; 3]); 2] = [
     ("Adobe RGB", [0.285, 0.0, 0.041]),
     ("Display P3", [0.178, 0.033, 0.09]),
 ];
-/// Maximum difference of each share of a picture that agrees with a wider colour space. Predictions of weak colours mix
-/// more green into blue.
+/// Maximum difference of each share in [`Tone::mixed`] from that of a wider colour space, if the picture agrees with
+/// it. Predictions of weak colours mix more green into blue.
 const MAX_MIXED_OFF: f64 = 0.05;
 /// Minimum variance of the difference between two channels for measuring mixing, in linear light.
 const MIN_COLOUR: f64 = 4e-4;

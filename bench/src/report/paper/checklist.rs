@@ -293,8 +293,8 @@ fn whole_pictures(compared: &ChecklistInput<'_>, measured: &[&DatasetBoard<'_>])
         (
             "the best of several scales",
             match compared.paper.made_by {
-                // For these rows, the paper also takes the best of several scales, which the condition by `privilege`
-                // states.
+                // The paper takes the best of several scales for these rows, too; the condition by `privilege` states
+                // this.
                 MadeBy::PrivilegedRun => 0,
                 _ => count(|r| r.scale.is_some()),
             },
