@@ -321,7 +321,7 @@ impl Display for DryRun<'_> {
     }
 }
 
-/// The result, or `None` if the renderer's device failed, in which case the same command resumes the run.
+/// The result, or `None` if the renderer's device failed. The same command then resumes the run.
 fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<T>> {
     match result {
         Err(error @ EvaluateError::Device { .. }) => {

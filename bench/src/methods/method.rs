@@ -139,8 +139,8 @@ pub struct PicturePrediction {
     pub resized_from: Option<(u32, u32)>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// For each conversion of the file that the user did not request: a sentence that names the setting that requests
-    /// it.
+    /// One sentence for each conversion of the file that the user did not request. It names the setting that requests
+    /// the conversion.
     pub notes: Vec<String>,
 }
 
@@ -168,7 +168,7 @@ pub enum GaussianSpace {
     /// The source's normalised space: the picture's edges are at ±1, z is in metres. Placed by E_t E_s⁻¹ K_s⁻¹.
     #[default]
     Normalized,
-    /// A space from which this affine map leads to the source camera's space, in metres.
+    /// A space with this affine map to the source camera's space, in metres.
     Camera(DAffine3),
 }
 

@@ -204,7 +204,7 @@ fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
 }
 
 impl ReportDataset {
-    /// A dataset of which only the name and the format are known. `format` may be empty.
+    /// A dataset known only by its name and its format. `format` may be empty.
     pub fn of(name: &str, format: &str) -> Self {
         Self {
             name: name.to_owned(),

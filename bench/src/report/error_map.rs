@@ -106,7 +106,7 @@ pub fn picture(
     }))
 }
 
-/// Share of scored pixels, among those that a reduced pixel covers, below which the reduced pixel is hatched.
+/// Minimum share of scored pixels among those that a reduced pixel covers. Below it, the reduced pixel is hatched.
 const MIN_SCORED: f32 = 0.5;
 
 /// Values in colour, reduced to fit `side` pixels by averaging over scored pixels. A reduced pixel is [`hatched`] if

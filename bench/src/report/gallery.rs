@@ -234,7 +234,7 @@ fn side<'a>(
     side
 }
 
-/// Index of the method with which the report compares the method at index `method`; `None` if there is none.
+/// Index of the method that the report compares with method number `method`; `None` if there is none.
 pub(super) fn against(options: &ReportOptions, board: &Board<'_>, method: usize) -> Option<usize> {
     let label = &board.methods.get(method)?.label;
     let mut against = options.comparison.as_ref()?.against.iter();

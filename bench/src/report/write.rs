@@ -42,13 +42,13 @@ pub struct ReportFiles {
     pub not_scored: Vec<PathBuf>,
 }
 
-/// List of a report's files, by which the next report finds obsolete ones.
+/// List of a report's files. The next report finds obsolete files by it.
 const LIST: &str = "files.txt";
 
 const PAGE: &str = "index.html";
 const MARKDOWN: &str = "report.md";
 
-/// Text by which pages of any version of this program are recognised.
+/// Text that identifies pages written by any version of this program.
 const MARK: &str = "<p class=\"eyebrow\">sharp-bench report</p>";
 
 /// Subfolders of a report.

@@ -137,7 +137,7 @@ fn needed(list: &PairList, name: &str, spec: Option<&DatasetSpec>) -> Needed {
     }
 }
 
-/// The folder to which listed file names are relative: the dataset's folder, or the parent folder if the dataset is a
+/// The folder that listed file names are relative to: the dataset's folder, or the parent folder if the dataset is a
 /// file.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {

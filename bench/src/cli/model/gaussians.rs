@@ -370,7 +370,7 @@ fn marks_in_words(marks: &FileMarks) -> Vec<&'static str> {
 }
 
 fn info(ply: &Path, given: &ReadingArgs, as_json: bool) -> anyhow::Result<Outcome> {
-    // The blending space does not affect the output, so choose the one with which every file can be read.
+    // The blending space does not affect the output, so choose the one that can represent every file.
     let reading = StoredForm {
         blending: ColorSpace::Srgb,
         ..given.reading()

@@ -89,7 +89,7 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
     }
 }
 
-/// The Gaussians with which to compare --port, and the photograph's camera.
+/// The Gaussians to compare --port with, and the photograph's camera.
 fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
     match (&args.against, &args.image) {
         (Some(path), _) => {

@@ -84,7 +84,7 @@ impl<'a> Measuring<'a> {
         failures
     }
 
-    /// Reads the depth of those views for which it is not known whether they have depth.
+    /// Reads the depth of the views that are not yet known to have depth or to have none.
     pub(super) fn find_depth(
         &self,
         views: &[usize],

@@ -158,7 +158,7 @@ impl<'a> SceneWork<'a> {
         counts.with_sparse_depth += known.iter().filter(|c| **c < SPARSE_DENSITY).count();
     }
 
-    /// Indices of the views from which sets are formed.
+    /// Indices of the views that sets are formed from.
     fn views_in_sets(&mut self) -> Vec<usize> {
         let all: Vec<usize> = (0..self.scene.views.len()).collect();
         if self.options.missing_depth != MissingDepth::LeaveOut {

@@ -25,7 +25,7 @@ pub trait DepthSource: Sync {
     /// Stable name for the record of a run (`ground-truth`, …).
     fn name(&self) -> String;
 
-    /// Files outside the dataset from which a view's depth is read.
+    /// Files outside the dataset that a view's depth is read from.
     fn files(&self, _scene: &Scene, _view: &View) -> Vec<PathBuf> {
         Vec::new()
     }

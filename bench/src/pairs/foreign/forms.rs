@@ -12,7 +12,7 @@ pub(super) type Wrong = (u64, String);
 /// A scene's source and target views, as named in a list.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Entry {
-    /// Line on which the entry begins.
+    /// Line where the entry begins.
     line: u64,
     /// Scene; `None` if the list is for a single scene.
     scene: Option<String>,

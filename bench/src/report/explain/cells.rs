@@ -11,7 +11,7 @@ use crate::evaluate::record::Record;
 use crate::report::column::Column;
 use crate::report::tables::rank::rounded;
 
-/// Difference below which values count as equal, because it is only due to the order of computation.
+/// Difference below which values count as equal. Smaller differences are only due to the order of computation.
 const SAME: f64 = 1e-9;
 
 /// The scenes whose pairs are averaged.

@@ -26,7 +26,7 @@ struct DrawnTile {
     lines: Vec<String>,
 }
 
-/// A picture and the size at which it is shown, pixels of the sheet.
+/// A picture and its displayed size, in pixels of the sheet.
 struct Shown {
     picture: RgbImage,
     size: (u32, u32),
@@ -350,7 +350,7 @@ fn drawn(tile: &Tile, medium: &SheetMedium) -> DrawnTile {
     }
 }
 
-/// The size at which a picture is shown.
+/// The displayed size of a picture.
 fn size_of(picture: &RgbImage, side: u32, grows: bool) -> (u32, u32) {
     let (width, height) = picture.dimensions();
     let longest = width.max(height);

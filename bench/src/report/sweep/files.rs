@@ -60,7 +60,7 @@ pub fn write(
 }
 
 /// Files that an earlier sweep may have left in addition to its main table: its crossings, and a plot for each metric
-/// in that table. Each has the mark by which [`remove_own`] recognises it.
+/// in that table. Each has the mark that identifies it for [`remove_own`].
 fn earlier(out: &Path, stem: &str) -> BTreeMap<PathBuf, &'static str> {
     let named = |end: &str| out.join(format!("{stem}{end}"));
     let table = sharp::files::read(&named(".csv")).unwrap_or_default();

@@ -16,7 +16,7 @@ const MAX_COLUMNS: usize = 12;
 
 /// Tables of a board's scores; empty if there are no metrics. If all scores fit into twelve columns, there is a single
 /// table named `scores`. Otherwise, as in the paper, perceptual metrics (DISTS, LPIPS) and pixelwise metrics are in
-/// separate tables, of which there may be several.
+/// separate tables, several of each kind if needed.
 pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     if metrics.is_empty() {
         return Vec::new();

@@ -21,7 +21,7 @@ pub struct TextGrid {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GridCell {
     pub text: String,
-    /// Number by which a page sorts the cell; `None` for words.
+    /// Number that a page sorts the cell by; `None` for words.
     pub value: Option<f64>,
 }
 

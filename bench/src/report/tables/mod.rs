@@ -259,7 +259,7 @@ impl Table {
         cells.any(|cell| cell.rank.is_some())
     }
 
-    /// Index of the footnote `text` in `notes`, to which it is added if it is new.
+    /// Index of the footnote `text` in `notes`. Adds the footnote if it is new.
     pub(crate) fn note(notes: &mut Vec<String>, text: String) -> usize {
         notes.iter().position(|n| *n == text).unwrap_or_else(|| {
             notes.push(text);

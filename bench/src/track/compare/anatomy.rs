@@ -32,8 +32,8 @@ const EDGE_RADIUS: i64 = 3;
 /// Minimum share of a pair's scored pixels in a class that has scores for the pair.
 const MIN_SHARE: f64 = 0.001;
 
-/// Class of a target pixel for methods that use only the source. A pixel to which several classes
-/// apply gets the first applicable class in this order.
+/// Class of a target pixel for methods that use only the source. A pixel that fits several classes gets the first of
+/// them in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PixelClass {
     /// Within three pixels of a pixel whose depth differs from a neighbour's by more than 5 % of the nearer depth.

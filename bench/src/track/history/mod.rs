@@ -50,7 +50,7 @@ pub enum HistoryError {
 
 #[derive(Debug)]
 struct Entry {
-    /// Number of the entry; entries are numbered from 1 in the order in which they were added.
+    /// Number of the entry: 1 for the entry that was added first, and so on.
     number: u32,
     occasion: Occasion,
     bundle: Bundle,

@@ -73,8 +73,7 @@ pub struct Point {
     pub weights: String,
     /// Identity of everything that determines the method's predictions.
     pub identity: String,
-    /// Number of the entry with which this point is compared; `None` at the start of a part of the
-    /// series.
+    /// Number of the entry that this point is compared with; `None` at the start of a part of the series.
     pub follows: Option<u32>,
     /// Why the point is not comparable with the previous entry.
     pub broken: Option<String>,
@@ -89,7 +88,7 @@ pub struct Mark {
     #[serde(serialize_with = "crate::track::compare::word")]
     pub verdict: Verdict,
     pub rule: Rule,
-    /// Number of the entry with which this entry is compared.
+    /// Number of the entry that this entry is compared with.
     pub against: u32,
     /// Mean difference of this entry minus `against`, over pairs with a score in both.
     pub difference: f64,
