@@ -110,7 +110,7 @@ impl Binning {
     }
 }
 
-/// Distance below an edge, as a fraction of the bin's width, up to which a value counts as lying on the edge. Camera
+/// A value below an edge counts as lying on the edge if it is off by less than this fraction of the bin's width. Camera
 /// centres are rounded, so distances between them are not exact.
 const ROUNDING: f64 = 1e-9;
 
@@ -158,7 +158,7 @@ pub struct Bin {
     pub number: i64,
     pub low: f64,
     pub high: f64,
-    /// Mean position of the samples, at which the bin is drawn.
+    /// Mean position of the samples, where the bin is drawn.
     pub x: f64,
     /// Indices of the samples.
     pub members: Vec<usize>,

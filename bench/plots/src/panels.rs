@@ -48,7 +48,7 @@ const COUNT_STRIP: f64 = 30.0;
 const COUNT_SIZE: f64 = 9.5;
 /// Radius of a data point.
 pub const MARKER: f64 = 4.2;
-/// Height of the strip above the axis in which infinite values are drawn.
+/// Height of the strip for infinite values, above the axis.
 const INFINITY_STRIP: f64 = 22.0;
 
 /// Texts and axes around a panel.
@@ -118,7 +118,7 @@ pub struct PlotArea {
     pub x: Scale,
     /// Vertical scale; values grow upwards.
     pub y: Scale,
-    /// Height at which infinite values are drawn.
+    /// Vertical position of infinite values.
     pub infinity: f64,
 }
 

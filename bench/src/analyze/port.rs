@@ -17,8 +17,7 @@ use sharp::unprojection::covariance;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
-/// Approximate number of Gaussians, evenly spread over the file, on which an interpretation of the port's file is
-/// tested.
+/// Approximate number of Gaussians for testing an interpretation of the port's file, evenly spread over the file.
 const SAMPLE: usize = 4096;
 /// Median distance, as computed by [`Pair::distance`], below which Gaussians count as matched, in pixels.
 const SAME_PLACE: f64 = 2.0;
@@ -429,8 +428,7 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// The forms in which the numbers of attribute `field` may be stored; other attributes are as in
-/// `current`.
+/// The forms that the numbers of attribute `field` may be stored in; other attributes are as in `current`.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {

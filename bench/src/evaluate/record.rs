@@ -117,10 +117,12 @@ pub struct Record {
     /// Levels of the stored picture, its target and its source; `None` if they were not compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tone: Option<Tone>,
-    /// Equations of the stored picture's shift, from edges, in pixels; `None` if it was not compared or is not small.
+    /// Equations of the stored picture's shift, from edges, in pixels; `None` if the picture was not compared or its
+    /// edges do not allow a measurement.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shift: Option<ShiftEquations>,
-    /// Equations of the stored picture's shift, from blocks, in thousandths of the width; `None` if it was not compared.
+    /// Equations of the stored picture's shift, from blocks, in thousandths of the width; `None` if the picture was not
+    /// compared or too few blocks were found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub far_shift: Option<ShiftEquations>,
     /// Percentage of the content common to source and target where the stored picture is black or white; `None` if too

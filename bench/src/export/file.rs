@@ -14,7 +14,7 @@ pub(super) type Hashes = BTreeMap<String, String>;
 /// The fields common to all descriptions; read back to check whether the files are complete.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Stamp {
-    /// Hash of everything on which the files depend.
+    /// Hash of everything that the files depend on.
     pub(super) key: String,
     pub(super) files: Hashes,
 }

@@ -43,7 +43,7 @@ impl BatchRenderer {
         Ok(opened)
     }
 
-    /// Reason for which `auto` chose this backend; `None` for any other request.
+    /// Why `auto` chose this backend; `None` for any other request.
     pub fn reason(&self) -> Option<&str> {
         self.reason.as_deref()
     }

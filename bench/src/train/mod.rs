@@ -41,7 +41,7 @@ pub struct TrainRequest<'a> {
     /// Overrides of the file's values, as `KEY=VALUE`. The key is dotted. The value is TOML, or text without quotes; an
     /// empty value restores the default.
     pub set: &'a [String],
-    /// Output folder, from which an interrupted training run resumes.
+    /// Output folder. An interrupted training run resumes from it.
     pub folder: &'a Path,
     pub validation: ValidationRequest,
     /// Device for training; validation runs on the CPU.

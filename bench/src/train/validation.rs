@@ -25,7 +25,7 @@ use crate::report::board::Board;
 use crate::report::statistics::of_metric;
 use crate::scoring::{Scoring, ScoringRules};
 
-/// The data on which weights are validated.
+/// The data for validating weights.
 pub struct ValidationRequest {
     pub datasets: Vec<DatasetConfig>,
     /// Maximum number of pairs, spread over datasets and scenes.

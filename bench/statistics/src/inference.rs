@@ -13,11 +13,10 @@ use crate::sign_flip::SignFlip;
 pub const ALPHA: f64 = 0.05;
 /// The power at which a difference counts as detectable.
 pub const POWER: f64 = 0.8;
-/// Minimum number of effective clusters at which the p-value and the interval of a single dataset are computed by
-/// resampling.
+/// Minimum number of effective clusters for computing the p-value and the interval of a single dataset by resampling.
 pub const MANY_CLUSTERS: f64 = 30.0;
 
-/// The method by which the interval and p were computed.
+/// How the interval and p were computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Procedure {
     /// Student's t of the mean over the cluster jackknife's standard error.
@@ -51,7 +50,7 @@ pub struct Inference {
     pub sign_flip: Option<SignFlip>,
 }
 
-/// Reason for which there is neither an interval nor a p value.
+/// Why there is neither an interval nor a p value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NoInference {
     #[error("no pairs")]

@@ -12,7 +12,7 @@ use crate::numeric::{integrate, root};
 pub struct Jackknife {
     /// The estimator CV3: (G − 1)/G Σ (mean without cluster g − mean)², for G clusters.
     pub variance: f64,
-    /// Degrees of freedom of the t distribution with which mean / √variance is compared.
+    /// Degrees of freedom of the t distribution that mean / √variance is compared with.
     ///
     /// G − 1 for clusters of equal size. For unequal sizes, they are chosen so that Student's t has
     /// the same critical value at the 5 % level as the exact statistic for normal cluster means.

@@ -10,7 +10,7 @@ use super::shift::{Shifts, ShiftsError, Windows, mean_image};
 /// A picture compared with shifted copies and with its mean colour.
 #[derive(Debug)]
 pub struct Experiment {
-    /// The unshifted window, with which everything is compared.
+    /// The unshifted window, which everything is compared with.
     pub reference: RgbImage,
     /// The shifts in ascending order, then the mean image.
     pub comparisons: Vec<Comparison>,

@@ -36,7 +36,7 @@ pub const RESNET_ADDRESS: &str = "http://sceneparsing.csail.mit.edu/model/pytorc
 /// Name of the encoder's file in our cache; the original name, `encoder_epoch_20.pth`, is not descriptive.
 pub const RESNET_FILE: &str = "resnet50dilated.pth";
 
-/// A published file for which the authors provide no hash.
+/// A published file without a hash from its authors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Release {
     /// Name of the file on the command line of `weights fetch`.
