@@ -775,7 +775,7 @@ fn lengths_of_rays_show_in_colours() {
             seed,
             width: SIZE.0,
             height: SIZE.1,
-            views: 25,
+            views: 61,
             samples: 1,
             ..SyntheticOptions::default()
         });
