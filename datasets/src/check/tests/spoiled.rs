@@ -770,22 +770,19 @@ fn lengths_of_rays_are_named_either_way() {
 /// With many views, neighbours hardly move, so that their depths agree under either interpretation.
 #[test]
 fn lengths_of_rays_show_in_colours() {
-    for seed in worlds(0..2, 1) {
-        let right = views_of(SyntheticOptions {
-            seed,
-            width: SIZE.0,
-            height: SIZE.1,
-            views: 61,
-            samples: 1,
-            ..SyntheticOptions::default()
-        });
-        let mut wrong = right[..9].to_vec();
-        assert_eq!(found(&wrong), [""; 0], "{seed}");
-        times_ray_length(&mut wrong, 1);
-        let said = found(&wrong);
-        let named = "the stored depth is the length of rays";
-        assert!(said.len() == 1 && said[0].contains(named), "{said:?}");
-    }
+    let right = views_of(SyntheticOptions {
+        width: SIZE.0,
+        height: SIZE.1,
+        views: 49,
+        samples: 1,
+        ..SyntheticOptions::default()
+    });
+    let mut wrong = right[..9].to_vec();
+    assert_eq!(found(&wrong), [""; 0]);
+    times_ray_length(&mut wrong, 1);
+    let said = found(&wrong);
+    let named = "the stored depth is the length of rays";
+    assert!(said.len() == 1 && said[0].contains(named), "{said:?}");
 }
 
 /// The masks keep what has no depth, and nothing else.
