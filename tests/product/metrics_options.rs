@@ -492,7 +492,7 @@ fn keys_are_explained_and_described_for_papers_without_any_picture() {
         "--metrics dists-resize256",
         "Same as lpips.LPIPS",
         "alexnet=8eed026b364dd02bdf76d6ca5a9bfaa0efb090d22a8b79ad51186269c08605c7, torchvision's",
-        "squeezenet1_1-b8a52dc0.pth of torchvision, which is missing",
+        "torchvision's squeezenet1_1-b8a52dc0.pth, a file that is missing",
     ] {
         assert!(said.out.contains(part), "{part}");
     }

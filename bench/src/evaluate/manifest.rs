@@ -349,9 +349,9 @@ impl Manifest {
         self.scoring.insert(AGGREGATION.to_owned(), text);
     }
 
-    /// Updates bundles of format 1, which were scored before colour profiles were converted.
-    /// Pictures in sRGB score the same, so today's convention is stated; a note on each dataset
-    /// states which pictures differ.
+    /// Updates the manifest of a bundle of format 1, whose scores are from a version that did not convert colour profiles.
+    /// Scores of sRGB pictures do not depend on this, so today's convention is recorded, and a note on each dataset says
+    /// which scores differ.
     pub(super) fn restate_target_convention(&mut self) {
         self.scoring
             .insert(TARGET.to_owned(), TARGET_CONVENTION.to_owned());

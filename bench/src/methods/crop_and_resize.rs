@@ -75,7 +75,7 @@ impl FitRules {
         matches!(self.crop, CropRule::CenterOfOwnAspect | CropRule::Sidecar)
     }
 
-    /// The options as the user gave them, for identities.
+    /// The options that differ from the default, by key, for the method's identity.
     pub(super) fn settings(&self) -> BTreeMap<String, String> {
         let mut settings = BTreeMap::new();
         if let Some(kernel) = self.kernel {

@@ -115,7 +115,7 @@ fn datasets(manifest: &Manifest, records: &[Record]) -> String {
     let named: Vec<String> = named.collect();
     let limits = manifest.pairs.lists.iter().filter_map(|list| list.limit);
     let limit = limits.max().map_or_else(String::new, |limit| {
-        format!(", at most {limit} of the selected ones")
+        format!("; at most {limit} of them were selected for evaluation")
     });
     format!(
         "Pairs of source and target view: {}. The list of all {} pairs has the sha256 \\texttt{{{}}}; {} of these \

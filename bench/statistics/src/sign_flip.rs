@@ -75,8 +75,8 @@ impl SignFlip {
         }
     }
 
-    /// All true means that the test does not reject at level `alpha`. Contains zero if and only if `p` ≥ `alpha`;
-    /// infinite if `alpha` is not above the floor.
+    /// The confidence interval: from the lowest to the highest true mean that the test does not reject at level `alpha`. It
+    /// contains zero if and only if `p` ≥ `alpha`, and is infinite if `alpha` is not above the floor.
     pub fn interval(&self, alpha: f64) -> (f64, f64) {
         let total = self.highs.len();
         // A mean is inside the interval if at least this many patterns are consistent with it.

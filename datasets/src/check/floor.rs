@@ -120,16 +120,14 @@ pub(super) fn contradiction(
     let can_be_judged = |one: &&Residual| one.matches >= MIN_MATCHES;
     let judged = residuals.iter().filter(can_be_judged).count();
     let misses = worst.misses_by().map_or(String::new(), |median| {
-        format!(
-            ", and depth and poses predict positions {} away from the matched features",
-            if median.is_finite() {
-format!(
-                    "{median:.1} pixels (the median, at a width of {WIDEST} or less; below 1 is usual)"
-                )
-} else {
-"far".to_owned()
-}
-        )
+        let by = if median.is_finite() {
+            format!(
+                "{median:.1} pixels (the median, at a width of {WIDEST} or less; below 1 is usual)"
+            )
+        } else {
+            "far".to_owned()
+        };
+        format!(", and depth and poses predict positions {by} away from the matched features")
     });
     let (what, causes) = if contradicted.all(Residual::is_on_lines) {
         (

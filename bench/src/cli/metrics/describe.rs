@@ -28,7 +28,7 @@ fn conventions(all: &[MetricInfo]) -> String {
         if let (Some(own), Some(backbone)) = (&info.own_weights, &info.backbone) {
             let network = match &backbone.features_sha256 {
                 None => format!(
-                    "{} of torchvision, which is missing",
+                    "torchvision's {}, a file that is missing",
                     Published::of(backbone.name).file
                 ),
                 Some(_) if backbone.is_unpublished() => format!("{backbone}, unpublished"),

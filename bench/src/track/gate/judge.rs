@@ -135,10 +135,10 @@ impl<'a> Judge<'a> {
                 ));
             }
             let known = |name: &str| name == ALL || self.datasets.contains(&name);
-            if scope.dataset().is_some_and(|name| !known(name)) {
+            if let Some(name) = scope.dataset().filter(|name| !known(name)) {
                 let have = self.datasets.join(", ");
                 return Err(format!(
-                    "'{limit}': not a dataset of the runs; expected {have} or {ALL}"
+                    "'{limit}': the runs have no dataset '{name}'; expected {have} or {ALL}"
                 ));
             }
         }
