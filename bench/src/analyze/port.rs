@@ -428,7 +428,7 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// The forms that the numbers of attribute `field` may be stored in; other attributes are as in `current`.
+/// The possible forms of attribute `field`, with those of the other attributes as in `current`.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {

@@ -353,6 +353,19 @@ mod tests {
     }
 
     #[test]
+    fn excluded_pixels_are_the_photographs_own() {
+        let gray = |level: u8| RgbImage::from_pixel(4, 1, Rgb([level; 3]));
+        let valid = GrayImage::from_raw(4, 1, vec![255, 0, 255, 0]).unwrap();
+        let truth = GroundTruth::of(gray(9), Some(&valid));
+        let filled = truth.with_excluded_of(&gray(200)).into_owned();
+        let levels: Vec<u8> = filled.pixels().map(|pixel| pixel.0[0]).collect();
+        assert_eq!(levels, [200, 9, 200, 9]);
+        // A prediction of a part of the target stays as it is.
+        let part = RgbImage::new(2, 1);
+        assert_eq!(*truth.with_excluded_of(&part), part);
+    }
+
+    #[test]
     fn psnr_is_that_of_the_valid_pixels() {
         let (truth, prediction, valid) = (picture(1), picture(2), valid());
         let mut squares = 0.0;

@@ -1,21 +1,22 @@
 //! Tries other readings of a Gaussian file on a small part of its source photograph. A reading is an interpretation of
 //! the file's numbers and of its space, see [`FileReading`].
 
+mod candidates;
 mod flattened;
 
 use glam::{DAffine3, DVec3};
 use image::RgbImage;
 use sharp::camera::Intrinsics;
 use sharp::gaussians::Gaussians;
-use sharp::ply::{
-    ColorSpace, Harmonics, StoredChannels, StoredColors, StoredOpacity, StoredQuaternions,
-    StoredScales,
-};
+use sharp::ply::StoredOpacity;
 use sharp::render::{PrincipalPoint, RenderError, RenderOutput, RenderView, Rule};
 
 use super::footprint::{MIN_HOLES, mean_area};
 use super::likeness::Likeness;
-use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
+pub(in crate::evaluate) use candidates::Moves;
+use candidates::{numbers, placements};
+
+use crate::methods::file_reading::{FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 use crate::rendering::SharedRenderer;
 use crate::rendering::shared::HOLE_ALPHA;
@@ -48,9 +49,9 @@ const SMALL_ZOOM: f64 = 0.05;
 /// narrows them.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
 /// Minimum extent of Gaussians that are spread over the photograph, as a share of its sides.
-const MIN_SPREAD: f64 = 0.1;
+const MIN_EXTENT: f64 = 0.1;
 /// Minimum factor by which spreading over the photograph enlarges the Gaussians' width or height.
-const MIN_SPREADING: f64 = 1.3;
+const MIN_ENLARGEMENT: f64 = 1.3;
 /// Average number of Gaussians per pixel above which standard deviations may be base-10 logarithms.
 const WIDE_LAYERS: f64 = 500.0;
 /// Minimum share of a view that Gaussians cover for the view to count as wholly shown.
@@ -60,10 +61,6 @@ const MIN_WHOLE_COVERAGE: f64 = 0.7;
 pub(super) const MIN_FACING_AREA: f64 = 0.97;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
-/// Axes to try: OpenGL's (a rotation about x), rotations about y and z, mirrored ones such as Unity's, and z up.
-const AXES: [&str; 7] = ["rdf", "rub", "ldb", "luf", "ldf", "ruf", "rfu"];
-/// Units to try for a world space, metres: powers of ten, feet and inches.
-const UNITS_M: [f64; 8] = [0.001, 0.01, 0.1, 10.0, 100.0, 1000.0, 0.3048, 0.0254];
 
 /// The part of a source's photograph on which readings are compared, and how it is rendered.
 #[derive(Clone, Copy)]
@@ -203,13 +200,13 @@ impl Trial<'_> {
             let is_inside = low + principal[axis] > -0.05 * sides[axis]
                 && high + principal[axis] < 1.05 * sides[axis];
             // 1.002 makes up for the thousandth of the centres that is ignored at either end.
-            (is_inside && extent > MIN_SPREAD).then(|| {
+            (is_inside && extent > MIN_EXTENT).then(|| {
                 let zoom = 1.0 / (extent * 1.002);
                 (zoom, -zoom * low - principal[axis])
             })
         });
         let ((x, right), (y, bottom)) = (across?, down?);
-        (x.max(y) >= MIN_SPREADING).then_some([[x, y], [right, bottom]])
+        (x.max(y) >= MIN_ENLARGEMENT).then_some([[x, y], [right, bottom]])
     }
 
     /// How many of the `gaussians` cover a pixel of this part of the picture on average. Each Gaussian counts as an
@@ -521,137 +518,6 @@ impl Trial<'_> {
         }
         Ok(joined)
     }
-}
-
-/// Shift (pixels) and pairs of horizontal and vertical factors that may align a rendering with its photograph.
-pub(in crate::evaluate) struct Moves {
-    pub(in crate::evaluate) aside: [f64; 2],
-    pub(in crate::evaluate) zooms: Vec<[f64; 2]>,
-    /// Factors and shift that spread the Gaussians over the whole photograph ([`Trial::spread`]).
-    pub(in crate::evaluate) spread: Option<[[f64; 2]; 2]>,
-}
-
-/// Placements to try: other spaces and axes, a world in other units, the inverse of `transform=`, shifts, and other
-/// focal lengths.
-fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement> {
-    let mut all = Vec::new();
-    let axes: Vec<Axes> = if is_lost {
-        Axes::every().collect()
-    } else {
-        AXES.into_iter().filter_map(Axes::parse).collect()
-    };
-    for space in [FileSpace::Camera, FileSpace::World] {
-        all.extend(axes.iter().map(|axes| Placement {
-            space,
-            axes: *axes,
-            ..current
-        }));
-    }
-    // Scaling a scene about the camera does not change what the camera sees, so units matter only
-    // in world space.
-    let units = UNITS_M.iter().filter(|_| current.space == FileSpace::World);
-    all.extend(units.map(|unit| Placement {
-        scale: current.scale * unit,
-        ..current
-    }));
-    all.push(Placement {
-        space: FileSpace::Normalized,
-        axes: Axes::OPENCV,
-        ..current
-    });
-    all.extend(current.transform.map(|map| Placement {
-        transform: Some(map.inverse()),
-        ..current
-    }));
-    let rounded = |value: f64| (value * 1000.0).round() / 1000.0;
-    all.push(Placement {
-        shift: [0, 1].map(|axis| rounded(current.shift[axis] + moves.aside[axis])),
-        ..current
-    });
-    all.extend(moves.spread.map(|[zoom, aside]| Placement {
-        focal: [0, 1].map(|axis| rounded(current.focal[axis] * zoom[axis])),
-        shift: [0, 1].map(|axis| rounded(zoom[axis] * current.shift[axis] + aside[axis])),
-        ..current
-    }));
-    all.extend(moves.zooms.iter().map(|zoom| Placement {
-        focal: [0, 1].map(|axis| rounded(current.focal[axis] * zoom[axis])),
-        ..current
-    }));
-    all.retain(|placement| *placement != current);
-    all
-}
-
-/// Interpretations of the stored numbers to try. Base-10 logarithms are tried only if `is_wide`: read as natural
-/// logarithms, they give Gaussians so wide that many cover each pixel. Narrower Gaussians would shrink to mere centres,
-/// which may resemble the source by chance.
-fn numbers(current: &FileReading, stored: &Gaussians, is_wide: bool) -> Vec<FileReading> {
-    let mut all = Vec::new();
-    let mut add = |change: &dyn Fn(&mut FileReading)| {
-        let mut other = *current;
-        change(&mut other);
-        if other != *current {
-            all.push(other);
-        }
-    };
-    for order in StoredQuaternions::ALL {
-        add(&|other| other.stored.quaternions = Some(*order));
-    }
-    for space in ColorSpace::ALL {
-        add(&|other| other.stored.color_space = Some(*space));
-    }
-    if stored.harmonics.degree > 0 {
-        add(&|other| other.stored.harmonics = Some(Harmonics::Interleaved));
-    }
-    for channels in StoredChannels::ALL {
-        add(&|other| other.stored.channels = Some(*channels));
-    }
-    // The tolerance is for rounding, because values were decoded and encoded again.
-    let unit = -1e-4..=1.0001;
-    let fits = |all: &[f32], most: f32| all.iter().all(|v| unit.contains(&(v / most)));
-    if current.stored.opacity == Some(StoredOpacity::Logit) && fits(&stored.opacities, 1.0) {
-        add(&|other| other.stored.opacity = Some(StoredOpacity::Linear));
-    }
-    if current.stored.opacity == Some(StoredOpacity::Logit)
-        && stored.opacities.iter().all(|o| *o <= 1e-4)
-    {
-        add(&|other| other.stored.opacity = Some(StoredOpacity::Log));
-    }
-    let scales = stored.scales.as_flattened();
-    use StoredScales::{Log, Log10, LogVariance};
-    let is_log = current.stored.scales == Some(Log);
-    if let Some(Log | LogVariance | Log10) = current.stored.scales {
-        let forms = [Log, LogVariance, Log10].into_iter();
-        for form in forms.filter(|form| *form != Log10 || is_wide) {
-            add(&|other| other.stored.scales = Some(form));
-        }
-        if is_log && scales.iter().all(|s| *s >= -1e-4) {
-            add(&|other| other.stored.scales = Some(StoredScales::Linear));
-        }
-    }
-    let colors = stored.colors.as_flattened();
-    let is_dc = matches!(
-        current.stored.colors,
-        Some(StoredColors::Dc | StoredColors::DcUncentered)
-    );
-    for (form, is_possible) in [
-        (StoredColors::Dc, is_dc),
-        (StoredColors::Logit, is_dc),
-        (StoredColors::DcUncentered, is_dc),
-        (StoredColors::Rgb01, is_dc && fits(colors, 1.0)),
-        (
-            StoredColors::RgbSigned,
-            is_dc && colors.iter().all(|v| v.abs() <= 1.0001),
-        ),
-        (
-            StoredColors::Rgb255,
-            fits(colors, 255.0) && colors.iter().any(|v| *v > 1.0),
-        ),
-    ] {
-        if is_possible {
-            add(&|other| other.stored.colors = Some(form));
-        }
-    }
-    all
 }
 
 pub(in crate::evaluate) struct Seen {

@@ -62,8 +62,8 @@ const MIN_COVERED_BETWEEN: f64 = 0.9;
 /// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds per
 /// pixel.
 const ABSURD_LAYERS: f64 = 5000.0;
-/// Minimum share of the picture that each Gaussian covers on average, for [`ABSURD_LAYERS`] to cause a warning.
-/// Millions of small Gaussians on a small picture are fine.
+/// Minimum mean share of the picture that a Gaussian covers. With a smaller one, [`ABSURD_LAYERS`] causes no warning,
+/// because millions of small Gaussians on a small picture are fine.
 const ABSURD_SHARE: f64 = 0.02;
 
 pub(in crate::evaluate) struct CheckedSource<'a> {

@@ -351,6 +351,30 @@ mod tests {
 
     /// Pictures under other names also seem to have moved by multiples of the motion, which differ from pair to pair.
     #[test]
+    fn a_shift_of_all_pictures_is_no_reversed_axis() {
+        let told = |far_shift| {
+            let records: Vec<Record> = (0..8)
+                .map(|k| Record {
+                    source: k.to_string(),
+                    shows: Some(ShownTarget::Own),
+                    camera: Some(ShownCamera::Reversed(1)),
+                    far_shift,
+                    ..record()
+                })
+                .collect();
+            of_dataset(&records, misplaced_pictures).unwrap()
+        };
+        // All displacements are 30 thousandths of the width downwards.
+        let shifted = Some([0.0, 0.0, 1.0, 0.0, 30.0, 900.0]);
+        assert!(told(shifted).contains("shifted by about (0.0 %, 3.0 %)"));
+        // Most of the displacements are not alike.
+        let others = Some([0.0, 0.0, 1.0, 0.0, 30.0, 3000.0]);
+        for far_shift in [None, others] {
+            assert!(told(far_shift).contains("if the y of its translation were reversed"));
+        }
+    }
+
+    #[test]
     fn other_targets_are_told_although_cameras_were_measured() {
         let records: Vec<Record> = (0..8)
             .map(|k| Record {

@@ -101,50 +101,46 @@ impl<'a> DisplacedBlocks<'a> {
     /// How the picture frames its target; `None` if the framing is correct or cannot be measured. If the content moves
     /// as in the target (`is_moving`), large zooms, at which hardly any block is found, are not tried.
     pub(super) fn framing(self, is_moving: bool) -> Option<Framing> {
-        shown_framing(&self.view, self.shown, self.as_read, is_moving)
-    }
-}
-
-fn shown_framing(
-    view: &FramedTarget<'_>,
-    shown: &RgbImage,
-    mut best: Measured,
-    is_moving: bool,
-) -> Option<Framing> {
-    let as_read = best.fit.filter(|fit| view.is_clear(&best.lines, *fit));
-    if let Some(k1) = view.lens(&best, as_read) {
-        let framing = Framing {
-            zoom: 1000,
-            roll: 0,
-            shift: [0; 2],
-            lens: (1000.0 * k1).round() as i16,
-        };
-        return framing.is_wrong().then_some(framing);
-    }
-    match as_read {
-        Some(_) => {}
-        None if is_moving || view.agrees(&best.lines, DVec4::ZERO) => return None,
-        None => {
-            let found = PRESETS.map(|zoom| view.measured(shown, zoom));
-            best = found.into_iter().max_by_key(|found| found.lines.len())?;
+        let Self {
+            view,
+            shown,
+            as_read: mut best,
+        } = self;
+        let as_read = best.fit.filter(|fit| view.is_clear(&best.lines, *fit));
+        if let Some(k1) = view.lens(&best, as_read) {
+            let framing = Framing {
+                zoom: 1000,
+                roll: 0,
+                shift: [0; 2],
+                lens: (1000.0 * k1).round() as i16,
+            };
+            return framing.is_wrong().then_some(framing);
         }
-    }
-    // Blocks of another size are hard to find, so undo the measured zoom and search again.
-    for _ in 0..MAX_RESAMPLINGS {
-        let zoom = best.zoom * (1.0 + best.fit?.x / view.half);
-        if (zoom / best.zoom - 1.0).abs() < MIN_RESAMPLED_ZOOM {
-            break;
+        match as_read {
+            Some(_) => {}
+            None if is_moving || view.agrees(&best.lines, DVec4::ZERO) => return None,
+            None => {
+                let found = PRESETS.map(|zoom| view.measured(shown, zoom));
+                best = found.into_iter().max_by_key(|found| found.lines.len())?;
+            }
         }
-        let again = view.measured(shown, zoom);
-        if again.fit.is_none() || again.lines.len() < best.lines.len() {
-            break;
+        // Blocks of another size are hard to find, so undo the measured zoom and search again.
+        for _ in 0..MAX_RESAMPLINGS {
+            let zoom = best.zoom * (1.0 + best.fit?.x / view.half);
+            if (zoom / best.zoom - 1.0).abs() < MIN_RESAMPLED_ZOOM {
+                break;
+            }
+            let again = view.measured(shown, zoom);
+            if again.fit.is_none() || again.lines.len() < best.lines.len() {
+                break;
+            }
+            best = again;
         }
-        best = again;
+        let fit = best.fit.filter(|fit| view.agrees(&best.lines, *fit))?;
+        // Displacements were measured in the resampled picture; multiply by the zoom for those in the picture itself.
+        let fit = DVec4::new(fit.x + view.half, fit.y, fit.z, fit.w) * best.zoom;
+        view.framing(fit - DVec4::X * view.half)
     }
-    let fit = best.fit.filter(|fit| view.agrees(&best.lines, *fit))?;
-    // Displacements were measured in the resampled picture; multiply by the zoom for those in the picture itself.
-    let fit = DVec4::new(fit.x + view.half, fit.y, fit.z, fit.w) * best.zoom;
-    view.framing(fit - DVec4::X * view.half)
 }
 
 /// A target and its camera at the shrunk size.

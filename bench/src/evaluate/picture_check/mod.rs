@@ -6,13 +6,14 @@
 //! * [`finding`], `measures`: what one picture's comparison yields, as its record stores it.
 //! * One picture and its own target: `change` (mirrored, other channels or levels), `layout` (bars, missing rows),
 //!   `levels`, `placement` (panels, padding), `framing` (zoom, roll, lens), `motion` (another pose), `shift`, `stamp` and
-//!   `tone`.
+//!   `tone` (with `curve`).
 //! * `order`: a `sample` of pictures and other targets than their own.
 //! * What a `group` of pictures has in common: `agreement`, `camera`, and again `shift`, `stamp` and `tone`.
 
 pub(crate) mod agreement;
 pub(crate) mod camera;
 pub(crate) mod change;
+mod curve;
 pub mod finding;
 mod framing;
 pub(crate) mod group;
