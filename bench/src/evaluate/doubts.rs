@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR};
+use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_PSNR};
 use super::picture_check::agreement::{changed_pictures, repeated_pictures};
 use super::picture_check::camera::misplaced_pictures;
 use super::picture_check::change::is_checked;
@@ -11,11 +11,9 @@ use super::picture_check::group::{PictureGroup, all_or_scenes};
 use super::picture_check::stamp::stamped_pictures;
 use super::picture_check::tone::{masked_pictures, toned_pictures};
 use super::record::{Record, Status};
-use crate::methods::{TrueDepth, UNUSABLE};
+use crate::methods::UNUSABLE;
 use crate::pairs::pair_id::source_of;
 
-/// Factor between rendered and true depth above which the Gaussians' unit is probably not the metre.
-const UNLIKELY_SCALE: f64 = 10.0;
 /// Minimum number of sources for detecting outliers. With fewer, the source check examines most of them more closely
 /// anyway.
 const FEWEST_SOURCES: usize = 4;
@@ -39,7 +37,7 @@ pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> 
 }
 
 /// Warnings about the Gaussians behind a record, by topic.
-pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
+pub fn doubts(record: &Record) -> BTreeMap<&str, String> {
     let extra = |name: &str| record.extras.get(name).copied();
     let source = &record.source;
     let mut doubts: BTreeMap<&str, String> = BTreeMap::new();
@@ -48,19 +46,6 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
             let text = format!("{count} of its Gaussians {what} and are not drawn ({source})");
             doubts.insert(name, text);
         }
-    }
-    let depths = extra(SOURCE_DEPTH).zip(record.median_depth_m);
-    if let Some(ratio) = depths.map(|(seen, true_depth)| seen / true_depth)
-        && !(UNLIKELY_SCALE.recip()..=UNLIKELY_SCALE).contains(&ratio)
-        && depth == TrueDepth::None
-    {
-        doubts.insert(
-            "scale",
-            format!(
-                "its Gaussians are {ratio:.3} times as far away as the dataset's depth ({source}); set the unit in \
-                 metres with `scale=`, or use `depth=privileged` if each source has its own unit"
-            ),
-        );
     }
     let told = record.warnings.iter();
     doubts.extend(told.map(|(about, text)| (about.as_str(), text.clone())));
@@ -194,15 +179,11 @@ fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<Stri
 }
 
 /// The first warning per topic among a method's records, followed by `joint_doubts`.
-pub fn doubts_of<'a>(
-    records: impl Iterator<Item = &'a Record> + Clone,
-    kind: &str,
-    depth: TrueDepth,
-) -> Vec<String> {
+pub fn doubts_of<'a>(records: impl Iterator<Item = &'a Record> + Clone, kind: &str) -> Vec<String> {
     let joint = joint_doubts(records.clone(), kind);
     let mut first: BTreeMap<&str, String> = BTreeMap::new();
     for record in records {
-        for (about, text) in doubts(record, depth) {
+        for (about, text) in doubts(record) {
             first.entry(about).or_insert(text);
         }
     }
@@ -333,16 +314,11 @@ mod tests {
     }
 
     #[test]
-    fn privileged_methods_are_scaled_and_need_no_metres() {
+    fn unusable_gaussians_are_counted() {
         let mut record = record();
-        record.median_depth_m = Some(2.0);
-        record.extras = BTreeMap::from([(SOURCE_DEPTH.to_owned(), 2000.0)]);
-        assert!(doubts(&record, TrueDepth::None).contains_key("scale"));
-        assert!(doubts(&record, TrueDepth::DepthScale).is_empty());
-        record.median_depth_m = None;
-        assert!(doubts(&record, TrueDepth::None).is_empty());
+        assert!(doubts(&record).is_empty());
         record.extras.insert("zero_quaternions".to_owned(), 3.0);
-        let said = &doubts(&record, TrueDepth::None)["zero_quaternions"];
+        let said = &doubts(&record)["zero_quaternions"];
         assert!(
             said.contains("3 of its Gaussians have a quaternion of zero"),
             "{said}"

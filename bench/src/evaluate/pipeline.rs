@@ -75,8 +75,7 @@ pub(super) fn run(
                             let both = (photograph.image(), &*shown);
                             note_order(record, planned, &job.sample, both, &mut thumbnails);
                         }
-                        let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();
-                        let mut new = doubts(&item.unit.record, privilege.depth);
+                        let mut new = doubts(&item.unit.record);
                         new.retain(|about, _| {
                             doubted.insert((method.clone(), (*about).to_owned()))
                         });

@@ -556,10 +556,9 @@ impl<'j, 'a> PairWork<'j, 'a> {
                 .warn(&format!("method '{}': {text}", method.label()));
         }
         let is_chosen = self.job.checked.contains(name);
-        let needs_depth = is_chosen && prediction.reading.is_some();
         let depth = match method.privilege().depth {
             // The method itself does not need this depth, so unreadable depth must not make its prediction fail.
-            TrueDepth::None if needs_depth => sources.depth(planned.source).ok().flatten().cloned(),
+            TrueDepth::None => sources.depth(planned.source).ok().flatten().cloned(),
             _ => None,
         };
         let photograph = sources.photograph(planned.source)?;

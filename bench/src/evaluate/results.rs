@@ -344,7 +344,7 @@ pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError>
     for method in &mut results.manifest.methods {
         let own = results.records.iter().filter(|r| r.method == method.label);
         method.drawn = rule_notes(own.clone());
-        method.warnings = doubts_of(own, &method.identity.kind, method.privilege.depth);
+        method.warnings = doubts_of(own, &method.identity.kind);
     }
     if results.manifest != current.manifest {
         folder.write_manifest(&results.manifest)?;

@@ -295,7 +295,7 @@ impl ReportMethod {
         let drawn = rule_notes(of_method.clone());
         let notes = network.chain(&record.notes).chain(&drawn);
         let notes = notes.cloned().collect();
-        let doubts = doubts_of(of_method, &identity.kind, record.privilege.depth);
+        let doubts = doubts_of(of_method, &identity.kind);
         let joined = |texts: Vec<String>| Some(texts.join("; ")).filter(|text| !text.is_empty());
         // The value is, for example, "bicubic [a = -0.75, …]"; footnotes need only the name.
         let kernel = identity.settings.get("resize");

@@ -14,6 +14,11 @@ const MIN_FACTOR: f64 = 1.5;
 /// Minimum logarithm of the factor for reporting another unit, as a multiple of the spread of the logarithmic depth
 /// ratios. Prediction errors cause that spread.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
+/// Minimum number of pixels with both depths for comparing them at all.
+const FEWEST_PIXELS: usize = 20;
+/// Factor between the median depths above which another unit is suspected even if the ratios vary strongly from pixel to
+/// pixel.
+const CERTAIN_FACTOR: f64 = 10.0;
 /// Minimum number of compared pixels for testing whether depths are ray lengths.
 const FEWEST_RAYS: usize = 300;
 /// Minimum spread of the logarithmic depth ratios for testing whether depths are ray lengths. In a narrow field of
@@ -36,19 +41,8 @@ pub(super) fn depth_doubt(
     if truth.dimensions() != seen.dimensions() {
         return None;
     }
-    // About ten thousand pixels are enough.
-    let step = (truth.as_raw().len() / 10_000).max(1);
-    let both = truth.enumerate_pixels().zip(seen.pixels()).step_by(step);
-    let both: Vec<[f64; 3]> = both
-        .filter(|((_, _, Luma([t])), Luma([s]))| is_valid_depth(*t) && is_valid_depth(*s))
-        .map(|((x, y, Luma([t])), Luma([s]))| {
-            let across = (f64::from(x) + 0.5 - k.cx) / k.fx;
-            let down = (f64::from(y) + 0.5 - k.cy) / k.fy;
-            let ray = across.hypot(down).hypot(1.0);
-            [f64::from(*t), f64::from(*s), ray].map(f64::ln)
-        })
-        .collect();
-    if both.len() < 20 {
+    let both = logarithms(truth, seen, k);
+    if both.len() < FEWEST_PIXELS {
         return None;
     }
     let middle_and_spread = |power: f64, of_ray: f64| {
@@ -95,13 +89,55 @@ pub(super) fn depth_doubt(
     }
     is_unit.then(|| {
         let factor = (-middle).exp();
-        let text = format!(
-            "its Gaussians are {factor:.3} times as far away as the dataset's depth ({id}); if the dataset's unit is right, use \
-             `scale={}`, or `depth=privileged` if each source has its own unit",
-            rounded(scale / factor)
-        );
-        (Some(factor), text)
+        (Some(factor), other_unit(factor, Some(scale), id))
     })
+}
+
+/// Warns if the rendered and the true depth differ by more than [`CERTAIN_FACTOR`], compared where both are known: a sky has
+/// Gaussians and often no true depth. `scale` is the method's setting, if it has one.
+pub(super) fn other_order_of_magnitude(
+    truth: &DepthMap,
+    seen: &DepthMap,
+    scale: Option<f64>,
+    id: &str,
+) -> Option<String> {
+    if truth.dimensions() != seen.dimensions() {
+        return None;
+    }
+    let both = truth.iter().zip(seen.iter());
+    let both = both.filter(|(t, s)| is_valid_depth(**t) && is_valid_depth(**s));
+    let [of_truth, of_seen]: [Vec<f32>; 2] = both.unzip().into();
+    if of_truth.len() < FEWEST_PIXELS {
+        return None;
+    }
+    let factor = median_of(of_seen)? / median_of(of_truth)?;
+    let is_likely = (CERTAIN_FACTOR.recip()..=CERTAIN_FACTOR).contains(&factor);
+    (!is_likely).then(|| other_unit(factor, scale, id))
+}
+
+fn other_unit(factor: f64, scale: Option<f64>, id: &str) -> String {
+    let fit = scale.map_or_else(String::new, |scale| {
+        format!("`scale={}`, or ", rounded(scale / factor))
+    });
+    format!(
+        "its Gaussians are {factor:.3} times as far away as the dataset's depth ({id}); if the dataset's unit is right, use \
+         {fit}`depth=privileged` if each source has its own unit"
+    )
+}
+
+/// Natural logarithms of the true depth, the rendered depth and the ray's length per depth, of about ten thousand pixels
+/// that have both depths.
+fn logarithms(truth: &DepthMap, seen: &DepthMap, k: Intrinsics) -> Vec<[f64; 3]> {
+    let step = (truth.as_raw().len() / 10_000).max(1);
+    let both = truth.enumerate_pixels().zip(seen.pixels()).step_by(step);
+    both.filter(|((_, _, Luma([t])), Luma([s]))| is_valid_depth(*t) && is_valid_depth(*s))
+        .map(|((x, y, Luma([t])), Luma([s]))| {
+            let across = (f64::from(x) + 0.5 - k.cx) / k.fx;
+            let down = (f64::from(y) + 0.5 - k.cy) / k.fy;
+            let ray = across.hypot(down).hypot(1.0);
+            [f64::from(*t), f64::from(*s), ray].map(f64::ln)
+        })
+        .collect()
 }
 
 pub(super) fn rounded(value: f64) -> f64 {
@@ -171,5 +207,23 @@ mod tests {
         ] {
             assert_eq!(said(proper), "");
         }
+    }
+
+    #[test]
+    fn a_sky_without_true_depth_is_no_other_unit() {
+        let truth = DepthMap::from_fn(40, 32, |_, y| Luma([if y < 24 { 0.0 } else { 3.0 }]));
+        let seen = |ground: f32| {
+            DepthMap::from_fn(40, 32, |_, y| Luma([if y < 24 { 500.0 } else { ground }]))
+        };
+        let said = |ground: f32| other_order_of_magnitude(&truth, &seen(ground), Some(2.0), "s");
+        assert_eq!(said(3.5), None);
+        assert_eq!(said(25.0), None);
+        let text = said(3000.0).unwrap_or_default();
+        assert!(text.contains("1000.000 times as far away"), "{text}");
+        assert!(
+            text.contains("use `scale=0.002`, or `depth=privileged`"),
+            "{text}"
+        );
+        assert!(said(0.2).is_some());
     }
 }

@@ -18,7 +18,7 @@ use sharp::render::{Background, RenderError};
 use sharp_datasets::{DepthMap, Scene};
 use sharp_metrics::{Mask, Picture, psnr};
 
-use super::depth_check::{depth_doubt, rounded};
+use super::depth_check::{depth_doubt, other_order_of_magnitude, rounded};
 use super::footprint::{MIN_HOLES, hole_share, missing_share, other_background};
 use super::likeness::{Likeness, between_pixels, blur, window};
 use super::other_view::{OtherView, other_view, other_views};
@@ -146,6 +146,13 @@ pub(in crate::evaluate) fn check_source(
         extras: extras.collect(),
         warnings: prediction.warnings.clone(),
     };
+    let scale = prediction.reading.map(|reading| reading.placement.scale);
+    let far = source
+        .depth
+        .and_then(|truth| other_order_of_magnitude(truth, &seen.depth, scale, &camera.id));
+    facts
+        .warnings
+        .extend(far.map(|text| ("scale".to_owned(), text)));
     let counts = |mask: &Mask| mask.count() as f64 >= MIN_VALID * photograph.pixels().len() as f64;
     let Some(reading) = prediction
         .reading
@@ -571,6 +578,7 @@ fn add_doubts(
     // If means are in another view's camera space, their depths do not suggest another unit.
     let is_placed_elsewhere = found.other.as_ref().is_some_and(|other| other.is_frame);
     if found.better.is_some() || is_placed_elsewhere {
+        warnings.remove("scale");
         return Ok(());
     }
     let (as_read, compared) = (&found.as_read, &found.compared);

@@ -99,7 +99,6 @@ pub(super) mod tests {
     use crate::evaluate::doubts::doubts_of;
     use crate::evaluate::record::tests::record;
     use crate::evaluate::record::{Record, Status};
-    use crate::methods::TrueDepth;
 
     /// The result of a check of these records as those of one dataset.
     pub(in crate::evaluate) fn of_dataset<T>(
@@ -139,7 +138,7 @@ pub(super) mod tests {
             record
         };
         let records: Vec<Record> = (0..12).map(one).collect();
-        doubts_of(records.iter(), "imported", TrueDepth::None)
+        doubts_of(records.iter(), "imported")
     }
 
     #[test]

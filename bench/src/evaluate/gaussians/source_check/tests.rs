@@ -10,7 +10,7 @@ use sharp_datasets::{DatasetError, View, ViewContent};
 
 use super::*;
 use crate::evaluate::doubts::doubts_of;
-use crate::methods::{GaussianSpace, TrueDepth};
+use crate::methods::GaussianSpace;
 
 fn source() -> PosedCamera {
     // Turned about the vertical axis and moved, so that world space and camera space differ.
@@ -137,7 +137,7 @@ fn doubt_of(
     let mut record = crate::evaluate::record::tests::record();
     record.median_depth_m = Some(2.0);
     (record.warnings, record.extras) = (facts.warnings, facts.extras);
-    let found = doubts_of([&record].into_iter(), "gaussians", TrueDepth::None);
+    let found = doubts_of([&record].into_iter(), "gaussians");
     (!found.is_empty()).then(|| found.join("; "))
 }
 
