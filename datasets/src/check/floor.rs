@@ -113,21 +113,19 @@ pub(super) fn contradiction(
     let worst = by_lines.min_by(|a, b| a.near_lines().total_cmp(&b.near_lines()))?;
     let [one, next] = [worst.first, worst.first + 1].map(|i| matches.id(i));
     let lines = format!(
-        "{:.0} % of {} features that match between {one} and {next} lie near their epipolar lines",
+        "between {one} and {next}, {:.0} % of {} matched features lie near their epipolar lines",
         100.0 * worst.near_lines(),
         worst.matches
     );
-    let can_be_judged = |one: &&Residual| one.matches >= MIN_MATCHES;
-    let judged = residuals.iter().filter(can_be_judged).count();
+    let is_comparable = |one: &&Residual| one.matches >= MIN_MATCHES;
+    let comparable = residuals.iter().filter(is_comparable).count();
     let misses = worst.misses_by().map_or(String::new(), |median| {
         let by = if median.is_finite() {
-            format!(
-                "{median:.1} pixels (the median, at a width of {WIDEST} or less; below 1 is usual)"
-            )
+            format!("{median:.1} pixels (median at a width of at most {WIDEST}; below 1 is usual)")
         } else {
             "far".to_owned()
         };
-        format!(", and depth and poses predict positions {by} away from the matched features")
+        format!(", and depth and poses predict them {by} away")
     });
     let (what, causes) = if contradicted.all(Residual::is_on_lines) {
         (
@@ -142,7 +140,7 @@ pub(super) fn contradiction(
         )
     };
     Some(format!(
-        "{what}, and no known correction explains it: {lines}{misses}; {n} of the {judged} pairs of neighbouring \
-         views that can be judged are inconsistent; {causes}"
+        "{what}, and no known correction explains it: {n} of {comparable} comparable pairs of neighbours are inconsistent \
+         ({lines}{misses}); {causes}"
     ))
 }

@@ -131,7 +131,7 @@ impl<'a> Judge<'a> {
                 let have: Vec<&str> = self.metrics.iter().map(|m| m.alias.as_str()).collect();
                 let have = have.join(", ");
                 return Err(format!(
-                    "'{limit}': not a metric of both runs; they share {have}"
+                    "'{limit}' needs a metric that both runs have: {have}"
                 ));
             }
             let known = |name: &str| name == ALL || self.datasets.contains(&name);
