@@ -158,14 +158,14 @@ fn transfer(
         release.published,
         cache.join(release.file).display()
     );
-    if is_sharp {
-        output::remark(licence_text());
-    }
     if args.offline {
         bail!(
             "{} is missing, and --offline forbids fetching it; {by_hand}",
             release.name
         );
+    }
+    if is_sharp {
+        output::remark(licence_text());
     }
     if is_sharp && !args.accept_licence {
         bail!(
