@@ -192,17 +192,13 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
     // If they are read as linear, the rendering of their own source reveals it.
     let wrong = evaluate(",color_space=linear").ends_with(0);
     assert!(
-        wrong.err.contains("photograph they were predicted from"),
+        wrong.err.contains("their source's photograph"),
         "{}",
         wrong.err
     );
     let report = run(dir.path(), &["report", "r"]).ends_with(0);
     let page = std::fs::read_to_string(dir.path().join("r/report/index.html")).unwrap();
-    assert!(
-        page.contains("photograph they were predicted from"),
-        "{}",
-        report.out
-    );
+    assert!(page.contains("their source's photograph"), "{}", report.out);
     assert!(page.contains("Source PSNR"));
     // Dropped Gaussians are reported.
     let mut still = crate::render_scene::gaussians();

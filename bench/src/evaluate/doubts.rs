@@ -69,6 +69,15 @@ fn outlying_sources<'a>(
         .clone()
         .filter(|r| r.extras.contains_key(SOURCE_BLUR));
     let blurred: BTreeSet<&str> = blurred.map(|r| source_of(&r.pair_id)).collect();
+    // The file of each source; one file of several sources cannot belong to another one of them.
+    let file = |r: &'a Record| Some(&r.files.as_ref()?.gaussians.as_ref()?.hash);
+    let files: BTreeMap<&str, _> = records
+        .clone()
+        .map(|r| (source_of(&r.pair_id), file(r)))
+        .collect();
+    let is_shared = |name: &str| {
+        files[name].is_some() && files.values().filter(|f| **f == files[name]).count() > 1
+    };
     let scopes = [(true, f64::INFINITY), (false, UNLIKE_ANY_SCENE)];
     let found = scopes.into_iter().find_map(|(by_scene, most)| {
         let mut groups: BTreeMap<_, BTreeMap<&str, f64>> = BTreeMap::new();
@@ -81,7 +90,7 @@ fn outlying_sources<'a>(
         }
         let apart = groups.values().filter_map(|group| {
             let [mut worse, others] = apart(group, most)?;
-            worse.retain(|(name, _)| !blurred.contains(name));
+            worse.retain(|(name, _)| !blurred.contains(name) && !is_shared(name));
             (!worse.is_empty()).then_some([worse, others])
         });
         apart.reduce(|all, more| [0, 1].map(|part| [&all[part][..], &more[part]].concat()))

@@ -572,6 +572,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
             depth: depth.as_ref(),
             scene: planned.scene,
             is_chosen,
+            of_several_views: method.privilege().several_views,
         };
         let facts = check_source(prediction, &source, self.job.renderer);
         let mut facts = facts.map_err(|error| self.render_failure(method, &error))?;

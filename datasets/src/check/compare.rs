@@ -42,6 +42,9 @@ const ENOUGH_IN_TILE: usize = 8;
 /// An interpretation is refuted if it increases colour differences by more than this factor, even if depth agrees
 /// better.
 const WORSE_COLOURS: f64 = 1.02;
+/// [`WORSE_COLOURS`] for another assignment of pictures, which must bring colours nearer: views that move by equal steps
+/// fit poses shifted by a step just as well.
+const AS_FAR_COLOURS: f64 = 0.97;
 /// Minimum texture of the places that an interpretation compares, as a fraction of the texture of those compared under
 /// the reader's interpretation.
 const MIN_TEXTURE: f64 = 0.2;
@@ -82,13 +85,18 @@ pub(super) fn agrees(all: &[Explained]) -> bool {
     forward(all).agreement() >= MOSTLY_AGREEING
 }
 
-/// True if another interpretation increases colour differences too much, even if depth agrees
-/// better.
-pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
+/// True if another interpretation increases colour differences too much, even if depth agrees better. `is_order`: whether
+/// it assigns pictures otherwise.
+pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained], is_order: bool) -> bool {
+    let most = if is_order {
+        AS_FAR_COLOURS
+    } else {
+        WORSE_COLOURS
+    };
     let (before, after) = (forward(as_read), forward(other));
     let levels = before.colour_levels().zip(after.colour_levels());
     10 * before.compared >= 3 * after.compared
-        && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
+        && levels.is_some_and(|(before, after)| after > most * before)
 }
 
 /// True if another interpretation compares mainly places without texture, such as sky, which fit each other anywhere.

@@ -144,7 +144,7 @@ impl Neighbours<'_> {
         let still = agrees(&as_read).then(|| self.explained(&still, self.stride));
         let is_candidate = |(change, other): &(Change, Vec<Explained>)| {
             is_better_by(&as_read, other, change.least_gain())
-                && !is_refuted(&as_read, other)
+                && !is_refuted(&as_read, other, matches!(change, Change::Order(..)))
                 && !(matches!(change, Change::Flipped(..)) && is_plain(&as_read, other))
                 && is_needed(&as_read, other, change.shows_in_colours())
                 && still

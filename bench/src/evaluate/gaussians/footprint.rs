@@ -85,7 +85,7 @@ pub(super) fn other_background(
     };
     (share >= MIN_HOLES).then(|| {
         format!(
-            "its Gaussians leave {:.0} % of the photograph they were predicted from empty, where the photograph is \
+            "its Gaussians leave {:.0} % of their source's photograph empty, where the photograph is \
              {other}, but the rendering has another background; set --background {other}",
             100.0 * share
         )

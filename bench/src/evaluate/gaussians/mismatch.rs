@@ -49,6 +49,7 @@ impl Trial<'_> {
         reading: &FileReading,
         as_read: &Likeness,
         is_blurred: bool,
+        elsewhere: &[Trial<'_>],
     ) -> Result<Option<(f64, Likeness)>, RenderError> {
         let map = reading.placement.camera_from_file(self.source);
         let between = between_pixels(self.photograph);
@@ -91,6 +92,7 @@ impl Trial<'_> {
                     .as_ref()
                     .is_none_or(|(_, known)| fit.error() < known.error())
                 && (factor > 1.0 || fits_between(&other)?)
+                && self.is_borne_out([gaussians, &other], reading, elsewhere)?
             {
                 best = Some((factor, fit));
             }
@@ -105,6 +107,7 @@ impl Trial<'_> {
         gaussians: &Gaussians,
         reading: &FileReading,
         as_read: &Likeness,
+        elsewhere: &[Trial<'_>],
     ) -> Result<Option<(f64, Likeness)>, RenderError> {
         let placement = reading.placement;
         let map = placement.camera_from_file(self.source);
@@ -125,6 +128,7 @@ impl Trial<'_> {
                 && best
                     .as_ref()
                     .is_none_or(|(_, known)| fit.error() < known.error())
+                && self.is_borne_out([gaussians, &other], reading, elsewhere)?
             {
                 best = Some((degrees(turn), fit));
             }

@@ -3,14 +3,19 @@
 use std::collections::BTreeSet;
 
 use image::RgbImage;
+use sharp::gaussians::Gaussians;
 use sharp::render::RenderError;
 use sharp_datasets::Scene;
 
-use super::likeness::Likeness;
+use super::likeness::{Likeness, window};
+use super::render::placed;
 use super::rereading::Trial;
-use crate::methods::GaussianPrediction;
 use crate::methods::file_reading::{FileReading, FileSpace};
+use crate::methods::{GaussianPrediction, GaussianSpace};
 use crate::pairs::PosedCamera;
+
+/// Number of views of a scene among which [`best_shown`] chooses.
+const VIEWS_TRIED: usize = 8;
 
 /// Other views of the source's scene whose photographs have this `size`: the source's neighbours, the view at the
 /// mirrored position in the scene's order, and the first view. The first view's camera may define the scene's
@@ -26,14 +31,51 @@ pub(super) fn other_views(
     let mirrored = scene.views.len() - 1 - at;
     let others = [at.checked_sub(1), Some(at + 1), Some(mirrored), Some(0)];
     let others: BTreeSet<usize> = others.into_iter().flatten().filter(|&k| k != at).collect();
-    let views = others.into_iter().filter_map(|k| scene.views.get(k));
+    views_at(scene, others, size).collect()
+}
+
+/// The views at these positions in the scene's order whose photographs have this `size`.
+fn views_at(
+    scene: &Scene,
+    positions: impl IntoIterator<Item = usize>,
+    size: (u32, u32),
+) -> impl Iterator<Item = (PosedCamera, RgbImage)> {
+    let views = positions.into_iter().filter_map(|k| scene.views.get(k));
     let read = views.filter_map(|view| {
         // If a photograph is unreadable, its own pairs report it.
         let photograph = view.content.image().ok()?;
         Some((PosedCamera::from(view), photograph))
     });
-    read.filter(|(_, photograph)| photograph.dimensions() == size)
-        .collect()
+    read.filter(move |(_, photograph)| photograph.dimensions() == size)
+}
+
+/// The view, of some that are spread over the scene, in which Gaussians show their photograph best; `None` if it is the
+/// source of `own`. Gaussians that were made from several views show these best, and the source need not be one of them.
+pub(super) fn best_shown(
+    gaussians: &Gaussians,
+    space: GaussianSpace,
+    own: &Trial<'_>,
+    scene: &Scene,
+) -> Result<Option<(PosedCamera, RgbImage)>, RenderError> {
+    let fit = |trial: &Trial<'_>| {
+        let fit = trial.fit(gaussians, placed(space, own.source, trial.source))?;
+        Ok::<f64, RenderError>(fit.map_or(0.0, |fit| fit.explained()))
+    };
+    let mut best = (fit(own)?, None);
+    let n = scene.views.len();
+    let spread: BTreeSet<usize> = (0..VIEWS_TRIED).map(|k| k * n / VIEWS_TRIED).collect();
+    for (source, photograph) in views_at(scene, spread, own.photograph.dimensions()) {
+        let explained = fit(&Trial {
+            source: &source,
+            photograph: &photograph,
+            region: window(&photograph),
+            ..*own
+        })?;
+        if explained > best.0 && source.id != own.source.id {
+            best = (explained, Some((source, photograph)));
+        }
+    }
+    Ok(best.1)
 }
 
 /// A view that explains the Gaussians significantly better than their own source.

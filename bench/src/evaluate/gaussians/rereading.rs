@@ -33,8 +33,9 @@ const RULED_OUT_LOSS_DB: f64 = 1.0;
 const RULED_OUT_LOSS_OF_OPACITY_DB: f64 = 3.0;
 /// Maximum factor by which an accepted reading multiplies the error in other views.
 const MAX_ERROR_ELSEWHERE: f64 = 1.1;
-/// [`MAX_ERROR_ELSEWHERE`] for a shift: below 1, because a shift must improve other views, too.
-const MAX_ERROR_ELSEWHERE_OF_SHIFT: f64 = 0.97;
+/// [`MAX_ERROR_ELSEWHERE`] for what must improve other views, too: a shift, and any reading of Gaussians that were made
+/// from several views. Where none of these views saw the scene, wrong readings fill holes by chance.
+const MAX_ERROR_OF_IMPROVED: f64 = 0.97;
 /// Gain in the source's view, in dB and with [flattened](Trial::flat_fits) Gaussians, from which a shift is accepted
 /// even if other views do not improve. In other views of poor Gaussians, half a pixel makes hardly any difference.
 const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 1.0;
@@ -72,6 +73,8 @@ pub(in crate::evaluate) struct Trial<'a> {
     pub(in crate::evaluate) moved: [f64; 2],
     pub(in crate::evaluate) renderer: &'a SharedRenderer,
     pub(in crate::evaluate) rule: Option<Rule>,
+    /// Whether the Gaussians were made from several views, so that the source need not be one of them.
+    pub(in crate::evaluate) of_several_views: bool,
 }
 
 /// The rendering `rule`, changed to use the camera's principal point.
@@ -418,11 +421,7 @@ impl Trial<'_> {
                     && (is_closer(&own, &own_before) || is_closer(&all, &all_before));
                 let is_shift = candidate.placement.shift != before.placement.shift;
                 let is_large = own.gain_over(&own_before) >= UNCONFIRMED_SHIFT_GAIN_DB;
-                let allowed = if is_shift && !is_large {
-                    MAX_ERROR_ELSEWHERE_OF_SHIFT
-                } else {
-                    MAX_ERROR_ELSEWHERE
-                };
+                let must_improve = is_shift && !is_large || self.of_several_views;
                 let zooms = [0, 1].map(|axis| {
                     let [own, other] = [&candidate, before].map(|reading| reading.placement.focal);
                     (own[axis] / other[axis] - 1.0).abs()
@@ -432,6 +431,11 @@ impl Trial<'_> {
                     && zoom < SMALL_ZOOM
                     && (fit.gain_over(fit_before) < MIN_SMALL_ZOOM_GAIN_DB
                         || self.covered(&decoded, map)? < 1.0 - MIN_HOLES);
+                let allowed = if must_improve {
+                    MAX_ERROR_OF_IMPROVED
+                } else {
+                    MAX_ERROR_ELSEWHERE
+                };
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
                 // Only the source decides between two forms of colours: in other views, wrong geometry causes blur,
@@ -497,6 +501,22 @@ impl Trial<'_> {
             }
         }
         Ok(best)
+    }
+
+    /// Whether `other` Gaussians may be right where the `gaussians` are wrong: unless they were made from several views, or
+    /// if the views in `elsewhere` improve, too.
+    pub(super) fn is_borne_out(
+        &self,
+        [gaussians, other]: [&Gaussians; 2],
+        reading: &FileReading,
+        elsewhere: &[Trial<'_>],
+    ) -> Result<bool, RenderError> {
+        if !self.of_several_views || elsewhere.is_empty() {
+            return Ok(true);
+        }
+        let own = self.fit_elsewhere(gaussians, reading, elsewhere)?;
+        let other = self.fit_elsewhere(other, reading, elsewhere)?;
+        Ok(other.error() <= MAX_ERROR_OF_IMPROVED * own.error())
     }
 
     /// Compares the Gaussians, rendered into other views, with the photographs of these views.

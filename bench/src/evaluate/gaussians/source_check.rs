@@ -21,12 +21,12 @@ use sharp_metrics::{Mask, Picture, psnr};
 use super::depth_check::{depth_doubt, other_order_of_magnitude, rounded};
 use super::footprint::{MIN_HOLES, hole_share, missing_share, other_background};
 use super::likeness::{Likeness, between_pixels, blur, window};
-use super::other_view::{OtherView, other_view, other_views};
+use super::other_view::{OtherView, best_shown, other_view, other_views};
 use super::registration::zoom;
 use super::render::placed;
 use super::rereading::{Moves, Seen, Trial};
-use crate::methods::GaussianPrediction;
 use crate::methods::file_reading::{FileReading, FileSpace};
+use crate::methods::{GaussianPrediction, GaussianSpace};
 use crate::pairs::PosedCamera;
 use crate::pairs::depth::median_depth_m;
 use crate::pairs::pair_id::source_of;
@@ -76,6 +76,8 @@ pub(in crate::evaluate) struct CheckedSource<'a> {
     pub(in crate::evaluate) scene: &'a Scene,
     /// Whether other readings are tried for this source.
     pub(in crate::evaluate) is_chosen: bool,
+    /// Whether the Gaussians were made from several views of the scene.
+    pub(in crate::evaluate) of_several_views: bool,
 }
 
 /// Measured values and warnings about Gaussians rendered into their source.
@@ -99,8 +101,9 @@ struct SeenSource {
 }
 
 /// Renders a prediction into its own source and measures [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`]. For
-/// chosen sources, also tries other readings of the file and warns if one matches better. Drops the prediction's own
-/// warnings about a setting if the rendering contradicts them.
+/// chosen sources, also tries other readings of the file and warns if one matches better; for Gaussians in world space
+/// that were made from several views, in the view that they show best. Drops the prediction's own warnings about a setting
+/// if the rendering contradicts them.
 ///
 /// # Errors
 /// If rendering fails.
@@ -164,7 +167,6 @@ pub(in crate::evaluate) fn check_source(
     if !is_tried && prediction.warnings.is_empty() {
         return Ok(facts);
     }
-    let prediction = &shuffled(prediction);
     let mut trial = Trial {
         source: camera,
         photograph,
@@ -172,12 +174,38 @@ pub(in crate::evaluate) fn check_source(
         moved: [0.0; 2],
         renderer,
         rule: prediction.rule,
+        of_several_views: source.of_several_views,
     };
+    if is_tried
+        && source.of_several_views
+        && reading.placement.space == FileSpace::World
+        && let Some((camera, photograph)) = best_shown(
+            &prediction.gaussians,
+            prediction.space,
+            &trial,
+            source.scene,
+        )?
+    {
+        let best = CheckedSource {
+            camera: &camera,
+            photograph: &photograph,
+            valid: None,
+            depth: None,
+            ..*source
+        };
+        let seen_by = GaussianPrediction {
+            space: GaussianSpace::Camera(placed(prediction.space, source.camera, &camera)),
+            ..prediction.clone()
+        };
+        facts.warnings = check_source(&seen_by, &best, renderer)?.warnings;
+        return Ok(facts);
+    }
     let moved = Trial {
         moved: [0.5; 2],
         ..trial
     };
     let between;
+    let prediction = &shuffled(prediction);
     let gaussians = &prediction.gaussians;
     if is_tried
         && moved.covered(gaussians, as_given)?
@@ -355,7 +383,7 @@ impl<'a> Findings<'a> {
             (None, None)
         } else {
             (
-                trial.other_turn(gaussians, reading, &compared)?,
+                trial.other_turn(gaussians, reading, &compared, elsewhere)?,
                 trial.fit_with_inverse_pose(gaussians, reading, &compared)?,
             )
         };
@@ -374,7 +402,7 @@ impl<'a> Findings<'a> {
             " between the centres of its pixels"
         };
         let shown = format!(
-            "its Gaussians show {of_part}the photograph they were predicted from at {:.2} dB PSNR{between} ({})",
+            "its Gaussians show {of_part}their source's photograph at {:.2} dB PSNR{between} ({})",
             as_read.psnr(),
             trial.source.id
         );
@@ -554,7 +582,9 @@ fn add_doubts(
         if found.as_read.psnr() >= RIGHT_DB || is_explained {
             return Ok(None);
         }
-        let widths = trial.other_widths(gaussians, reading, &found.compared, seen.is_blurred)?;
+        let is_blurred = seen.is_blurred;
+        let widths =
+            trial.other_widths(gaussians, reading, &found.compared, is_blurred, &elsewhere)?;
         Ok(widths.filter(|(_, fit)| found.is_best(fit)).map(|(factor, fit)| {
             format!(
                 "{}; perhaps the means were scaled without the standard deviations, or the standard deviations were \

@@ -159,6 +159,7 @@ fn facts_of(
         depth,
         scene: &scene,
         is_chosen,
+        of_several_views: false,
     };
     facts_about(&checked, space, gaussians, reading, suggested)
 }
@@ -812,6 +813,7 @@ impl Pair {
             depth: None,
             scene: &self.scene,
             is_chosen: true,
+            of_several_views: false,
         };
         let reading = FileReading::of_arrays();
         let facts = facts_about(&checked, GaussianSpace::CAMERA, gaussians, reading, None);
