@@ -550,12 +550,12 @@ impl<'j, 'a> PairWork<'j, 'a> {
     ) -> Result<SourceFacts, Failure> {
         let planned = self.truth.planned;
         let absurd = absurd_coverage(prediction, &self.source);
-        if let Some((_, text)) = &absurd {
+        let is_chosen = self.job.checked.contains(name);
+        if let Some((_, text)) = absurd.as_ref().filter(|_| is_chosen) {
             // Warn before rendering, because the warning is that rendering will take very long.
             self.observer
                 .warn(&format!("method '{}': {text}", method.label()));
         }
-        let is_chosen = self.job.checked.contains(name);
         let depth = match method.privilege().depth {
             // The method itself does not need this depth, so unreadable depth must not make its prediction fail.
             TrueDepth::None => sources.depth(planned.source).ok().flatten().cloned(),

@@ -130,7 +130,7 @@ pub const KINDS: [MethodKind; 8] = [
                 "form of the stored opacities (default: logit, as in a PLY)",
             ),
             (
-                "scales=linear|log-variance|log10",
+                "scales=linear|variance|log-variance|log10",
                 "form of the stored scales (default: log, as in a PLY)",
             ),
             (

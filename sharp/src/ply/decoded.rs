@@ -120,7 +120,7 @@ pub fn check_stored(stored: &Gaussians, reading: &StoredForm) -> Result<(), PlyR
         return Err(impossible(what, value, "`opacity=logit` reads logits"));
     }
     let mut scales = stored.scales.as_flattened().iter().copied();
-    if reading.scales == Some(StoredScales::Linear)
+    if let Some(StoredScales::Linear | StoredScales::Variance) = reading.scales
         && let Some(value) = scales.find(|s| *s < 0.0)
     {
         let advice = "`scales=log` reads logarithms";

@@ -97,6 +97,8 @@ setting!(
     Linear = "linear",
     /// Natural logarithms of variances.
     LogVariance = "log-variance",
+    /// Variances.
+    Variance = "variance",
     /// Logarithms to the base of 10.
     Log10 = "log10",
 );
@@ -301,10 +303,16 @@ impl StoredForm {
             Some(StoredScales::Log) => 1.0,
             Some(StoredScales::LogVariance) => 2.0,
             Some(StoredScales::Log10) => std::f64::consts::LOG10_E,
-            Some(StoredScales::Linear) | None => 0.0,
+            Some(StoredScales::Linear | StoredScales::Variance) | None => 0.0,
         };
-        if power > 0.0 {
-            for scale in gaussians.scales.as_flattened_mut() {
+        for scale in gaussians.scales.as_flattened_mut() {
+            if self.scales == Some(StoredScales::Variance) {
+                *scale = if to_stored {
+                    *scale * *scale
+                } else {
+                    scale.sqrt()
+                };
+            } else if power > 0.0 {
                 *scale = if to_stored {
                     scale.ln() * power as f32
                 } else {

@@ -92,7 +92,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             "scales=linear",
             format!(
                 "its scales do not look like logarithms (none is negative; as logarithms, half of \
-                 the standard deviations would exceed {:.3} in a scene {extent:.1} across); `scales=linear` reads them without exponentiation",
+                 the standard deviations would exceed {:.3} in a scene {extent:.1} across); `scales=linear` reads them as standard \
+                 deviations, `scales=variance` as variances",
                 scales.median.exp()
             ),
         ));

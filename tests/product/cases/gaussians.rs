@@ -143,7 +143,7 @@ fn another_order_of_quaternions_is_found_by_the_photograph() {
 #[test]
 fn scales_that_are_no_logarithms_are_named_by_numbers_and_by_the_photograph() {
     let case = case("A11-scales-linear");
-    case.is_said_everywhere("r", "`scales=linear` reads them without exponentiation");
+    case.is_said_everywhere("r", "`scales=linear` reads them as standard deviations");
     case.is_said_everywhere("r", "with `scales=linear`, they reach 26.91 dB");
     assert!(
         case.said[1].out.contains("scales=linear"),

@@ -291,13 +291,13 @@ pub(in crate::evaluate) fn absurd_coverage(
     let scales = &prediction.gaussians.scales;
     let widest = |&k: &usize| f64::from(scales[k].into_iter().fold(0.0, f32::max));
     let middle = median_of(seen.members.iter().map(widest).collect());
-    // The first form of the standard deviations, other than natural logarithms, that the numbers allow and that gives
-    // less coverage.
+    // Forms of the standard deviations, other than natural logarithms, that the numbers allow and that give less coverage.
+    use StoredScales::{Linear, Log, Log10, Variance};
     let stored = prediction.reading.map(|reading| reading.stored);
-    let forms = [StoredScales::Linear, StoredScales::Log10].into_iter();
-    let form = forms.filter(|_| stored.is_some_and(|form| form.scales == Some(StoredScales::Log)));
-    let form = stored.and_then(|stored| {
-        form.into_iter().find(|scales| {
+    let stored = stored.filter(|stored| stored.scales == Some(Log));
+    let forms = stored.into_iter().flat_map(|stored| {
+        let forms = [Linear, Variance, Log10].into_iter();
+        forms.filter(move |scales| {
             let other = StoredForm {
                 scales: Some(*scales),
                 ..stored
@@ -309,9 +309,11 @@ pub(in crate::evaluate) fn absurd_coverage(
             is_possible && Seen::of(&recoded, placed, &source.intrinsics).layers < ABSURD_LAYERS
         })
     });
-    let cause = match form {
-        Some(form) => format!("stored in another form (`scales={form}`)"),
-        None => "in another unit (`scale=`)".to_owned(),
+    let forms: Vec<String> = forms.map(|form| format!("`scales={form}`")).collect();
+    let cause = if forms.is_empty() {
+        "in another unit (`scale=`)".to_owned()
+    } else {
+        format!("stored in another form ({})", forms.join(" or "))
     };
     let text = format!(
         "on average, {:.0} of its Gaussians cover each pixel (half of the Gaussians are wider than {:.3}), \
@@ -603,6 +605,12 @@ fn add_doubts(
     {
         warnings.insert("widths".to_owned(), text);
         return Ok(());
+    }
+    // A form of the scales that the numbers suggested gives way to the one that fits the photograph.
+    let form = found.better.as_ref().map(|(other, _)| other.stored.scales);
+    if let Some(Some(form)) = form.filter(|form| *form != reading.stored.scales) {
+        let fits = format!("scales={form}");
+        warnings.retain(|topic, _| !topic.starts_with("scales=") || *topic == fits);
     }
     warnings.extend(found.cause(prediction, reading));
     // If means are in another view's camera space, their depths do not suggest another unit.

@@ -89,7 +89,7 @@ pub(crate) fn misplaced(
     pairs: &str,
     extent: Extent,
 ) -> Option<String> {
-    use ShownTarget::{Next, Other, Previous, Source, SourceView};
+    use ShownTarget::{Next, Other, Previous, Source, SourceView, ViewAfter, ViewBefore};
     let count = |places: &[ShownTarget]| -> usize {
         places.iter().filter_map(|place| found.get(place)).sum()
     };
@@ -113,19 +113,25 @@ pub(crate) fn misplaced(
             SourceView.text()
         ));
     }
-    let shifts = [Previous, Next].map(|place| (place, count(&[place])));
+    // Where the view beside the target is the source, a shifted picture looks like a copy of the source.
+    let all = all - views;
+    let is_most = |count: usize| count >= extent.fewest(FEWEST) && 2 * count > all;
+    let shifts = [Previous, Next, ViewBefore, ViewAfter].map(|place| (place, count(&[place])));
     let (shift, shifted) = shifts.into_iter().max_by_key(|(_, count)| *count)?;
     // Names are often shifted in a part of a sequence, after a frame that was dropped.
     let is_part = extent == Extent::Dataset && shifted >= FEWEST && 5 * shifted >= 2 * all;
     let (what, count) = if is_part || is_most(shifted) {
         (shift, shifted)
     } else {
-        (Other, count(&[Previous, Next, Other]))
+        (
+            Other,
+            count(&[Previous, Next, ViewBefore, ViewAfter, Other]),
+        )
     };
     (is_part || is_most(count)).then(|| {
         format!(
             "its pictures look as if they had the names of other {pairs} ({count} of the {all} compared show {} \
-             significantly better than their own); correct the file names",
+             significantly better than their own target); correct the file names",
             what.text()
         )
     })

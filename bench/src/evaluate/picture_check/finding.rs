@@ -199,6 +199,10 @@ worded! {
         /// The target of the next pair.
         Next = "the target of the pair after theirs",
         Other = "the target of another pair",
+        /// The view before the target in the scene's order; pairs need not have it as a target.
+        ViewBefore = "the scene's view before their target",
+        /// The view after the target in the scene's order.
+        ViewAfter = "the scene's view after their target",
         /// Not a target: the source's photograph.
         Source = "the source's photograph",
         /// Not a target: the source's view, but no copy of its photograph.

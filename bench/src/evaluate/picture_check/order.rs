@@ -92,7 +92,10 @@ pub(crate) fn note_order(
         !(is_own_scene && [&planned.source.id, &planned.target.id].contains(&&other.target.id))
     };
     let others = others.iter().filter(|(_, other)| is_other(other));
-    let others = others.filter_map(|(place, other)| Some((*place, read.of(other, other.target)?)));
+    let others = others.map(|(place, other)| (*place, *other));
+    let beside = views_beside(planned).into_iter();
+    let others = others.chain(beside.filter(|(_, other)| is_other(other)));
+    let others = others.filter_map(|(place, other)| Some((place, read.of(&other, other.target)?)));
     let MeasuredMotion {
         camera: moved,
         masked,
@@ -114,6 +117,24 @@ pub(crate) fn note_order(
     let shows = shown_target(&seen, &shown, Some(&source), others);
     let gain = || fit(&source, &shown).gain_over(&fit(&seen, &shown));
     (record.shows, record.camera) = reconciled(shows, camera, gain);
+}
+
+/// The pair with the views before and after its target instead of it: a method that names its pictures one frame off may
+/// show views that are nobody's target.
+fn views_beside<'a>(planned: &ResolvedPair<'a>) -> Vec<(ShownTarget, ResolvedPair<'a>)> {
+    let views = &planned.scene.views;
+    let Some(at) = views.iter().position(|view| view.id == planned.target.id) else {
+        return Vec::new();
+    };
+    let beside = [
+        (ShownTarget::ViewBefore, at.checked_sub(1)),
+        (ShownTarget::ViewAfter, Some(at + 1)),
+    ];
+    let views = beside
+        .into_iter()
+        .filter_map(|(place, at)| Some((place, views.get(at?)?)));
+    let pairs = views.map(|(place, target)| (place, ResolvedPair { target, ..*planned }));
+    pairs.collect()
 }
 
 /// If the view and the camera that a picture shows contradict each other, drops one of them. `gain` computes how much

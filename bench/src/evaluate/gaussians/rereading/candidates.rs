@@ -111,15 +111,18 @@ pub(super) fn numbers(
         add(&|other| other.stored.opacity = Some(StoredOpacity::Log));
     }
     let scales = stored.scales.as_flattened();
-    use StoredScales::{Log, Log10, LogVariance};
+    use StoredScales::{Linear, Log, Log10, LogVariance, Variance};
     let is_log = current.stored.scales == Some(Log);
     if let Some(Log | LogVariance | Log10) = current.stored.scales {
         let forms = [Log, LogVariance, Log10].into_iter();
         for form in forms.filter(|form| *form != Log10 || is_wide) {
             add(&|other| other.stored.scales = Some(form));
         }
-        if is_log && scales.iter().all(|s| *s >= -1e-4) {
-            add(&|other| other.stored.scales = Some(StoredScales::Linear));
+    }
+    let is_linear = matches!(current.stored.scales, Some(Linear | Variance));
+    if is_linear || is_log && scales.iter().all(|s| *s >= -1e-4) {
+        for form in [Linear, Variance] {
+            add(&|other| other.stored.scales = Some(form));
         }
     }
     let colors = stored.colors.as_flattened();

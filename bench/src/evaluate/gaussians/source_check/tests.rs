@@ -822,6 +822,48 @@ impl Pair {
     }
 }
 
+/// One file of the scene, made from the left view, with the right view as the source.
+#[test]
+fn gaussians_of_several_views_are_examined_in_the_view_that_they_show_best() {
+    let pair = Pair::new();
+    let camera = PosedCamera::from(&pair.scene.views[1]);
+    let mut reading = FileReading::of_arrays();
+    reading.placement.space = FileSpace::World;
+    let said = |gaussians: &Gaussians, of_several_views| {
+        let checked = CheckedSource {
+            camera: &camera,
+            photograph: &pair.photographs[1],
+            valid: None,
+            depth: None,
+            scene: &pair.scene,
+            is_chosen: true,
+            of_several_views,
+        };
+        let space = GaussianSpace::Camera(reading.placement.camera_from_file(&camera));
+        let facts = facts_about(&checked, space, gaussians.clone(), reading, None);
+        facts.warnings.into_values().collect::<Vec<_>>().join("; ")
+    };
+    let proper = pair.predicted();
+    assert_eq!(said(&proper, true), "");
+    let mut reversed = proper;
+    reversed.colors.iter_mut().for_each(|color| color.reverse());
+    let text = said(&reversed, true);
+    assert!(text.contains("dB PSNR (l); with `channels=bgr`"), "{text}");
+    let text = said(&reversed, false);
+    assert!(text.contains("dB PSNR (r); with `channels=bgr`"), "{text}");
+}
+
+#[test]
+fn variances_are_told_from_standard_deviations() {
+    let wall = stripes();
+    let mut squared = wall.clone();
+    let scales = squared.scales.as_flattened_mut().iter_mut();
+    scales.for_each(|scale| *scale *= *scale);
+    let text = doubt_about(squared).unwrap_or_default();
+    assert!(text.contains("with `scales=variance`, they"), "{text}");
+    assert_eq!(doubt_about(wall), None);
+}
+
 #[test]
 fn another_view_as_the_source_is_named_and_not_called_a_shift() {
     let pair = Pair::new();
