@@ -163,7 +163,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         }
         PairOrigin::Given(path) => {
             let list = PairList::read(&path)?;
-            check_files(&list, &scenes, observer)?;
+            pair_notes = check_files(&list, &scenes, observer)?;
             let left = list.pairs.len() - list.resolve_readable(&scenes, &request.datasets)?.len();
             if left > 0 {
                 let all = list.pairs.len();
@@ -259,13 +259,13 @@ fn check_independence(
     Ok(())
 }
 
-/// Warns if the list was made from other photographs. Fails if it was made from other poses: pairs are sorted and
-/// plotted by baselines and rotations, which would be wrong.
+/// Warns if the list was made from other photographs; returns the warnings by dataset, as notes for the manifest. Fails if
+/// it was made from other poses: pairs are sorted and plotted by baselines and rotations, which would be wrong.
 fn check_files(
     list: &PairList,
     scenes: &[Scene],
     observer: &dyn Observer,
-) -> Result<(), PairError> {
+) -> Result<BTreeMap<String, String>, PairError> {
     let found = list.verify(scenes);
     if let Some(first) = found.moved.first() {
         let ([listed_m, found_m], [listed_deg, found_deg]) = (first.baseline_m, first.rotation_deg);
@@ -282,13 +282,25 @@ fn check_files(
             ),
         });
     }
+    let mut different: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for mismatch in found.different {
-        observer.warn(&format!(
-            "{}/{}/{}: the photograph is not the one the list was made from (sha256 {} instead of {})",
-            mismatch.dataset, mismatch.scene, mismatch.view, mismatch.found, mismatch.expected
-        ));
+        let view = format!("{}/{}", mismatch.scene, mismatch.view);
+        different.entry(mismatch.dataset).or_default().insert(view);
     }
-    Ok(())
+    let notes = different.into_iter().map(|(dataset, views)| {
+        let first = views.first().map_or("", String::as_str);
+        let text = format!(
+            "{} not as in the pair list, such as {first}, so the list's overlaps and its selection may not apply; `pairs verify` \
+             lists the differences, and `pairs` builds a new list",
+            match views.len() {
+                1 => "a photograph is".to_owned(),
+                n => format!("{n} photographs are"),
+            }
+        );
+        observer.warn(&format!("{dataset}: {text}"));
+        (dataset, format!("warning: {text}"))
+    });
+    Ok(notes.collect())
 }
 
 impl Evaluation {

@@ -1,6 +1,7 @@
 //! Detection of depth maps that were clipped at a distance, normalised, or filled with a single value.
 
 use std::cmp::Ordering;
+use std::collections::BTreeMap;
 
 use sharp::camera::RigidTransform;
 
@@ -19,6 +20,11 @@ const OFF_LIMIT: f64 = 0.002;
 /// Like [`OFF_LIMIT`], in quantisation steps of the depth map at its maximum; the larger of the two
 /// thresholds applies.
 const OFF_STEPS: f64 = 2.0;
+/// Minimum fraction of depths with exactly the same value for that value to possibly stand for unknown depth.
+const MIN_FILLED: f64 = 0.05;
+/// Maximum fraction of the other depths that differ between neighbouring views; if more differ, poses or the whole depth
+/// are wrong.
+const MAX_OTHERS_OFF: f64 = 0.4;
 /// Upper limit of a normalised map's minimum, at the reduced size.
 const MIN_NORMALISED: f64 = 0.1;
 /// Lower limit of a normalised map's maximum, at the reduced size.
@@ -47,13 +53,14 @@ impl Met {
 }
 
 impl Neighbours<'_> {
-    /// Projects samples of a view into its neighbour. `is_off` receives the depth according to the poses and the depth
-    /// found there, and returns whether they differ, or `None` to ignore the position.
+    /// Projects samples of a view into its neighbour. `is_off` receives the sample's depth, its depth in the neighbour
+    /// according to the poses and the depth found there, and returns whether the latter differ, or `None` to ignore the
+    /// position.
     fn meet<'s>(
         &self,
         (a, b): (usize, usize),
         samples: impl Iterator<Item = &'s Sample>,
-        is_off: impl Fn(f64, f64) -> Option<bool>,
+        is_off: impl Fn(f64, f64, f64) -> Option<bool>,
     ) -> Met {
         let ((from, _), (to, _)) = (&self.small[&a], &self.small[&b]);
         let to_from = self.to_from(a, b);
@@ -63,7 +70,7 @@ impl Neighbours<'_> {
             let place = to.camera.project(point);
             let place = place.filter(|place| to.camera.contains(*place));
             let there = place.and_then(|place| to.depth_at(place));
-            if let Some(off) = there.and_then(|(there, _)| is_off(point.z, there)) {
+            if let Some(off) = there.and_then(|(there, _)| is_off(sample.depth, point.z, there)) {
                 met.all += 1;
                 met.off += usize::from(off);
             }
@@ -103,7 +110,7 @@ impl Neighbours<'_> {
             let step = 1.0 - next.max(next_there) / most;
             let least = OFF_LIMIT.max(OFF_STEPS * step);
             let at_limit = samples.iter().filter(|sample| sample.depth == most);
-            let found = self.meet((a, b), at_limit, |z, there| {
+            let found = self.meet((a, b), at_limit, |_, z, there| {
                 (there == most).then(|| (z / most - 1.0).abs() > least)
             });
             met.all += found.all;
@@ -117,6 +124,57 @@ impl Neighbours<'_> {
                 number(limit),
                 met.all,
                 met.percent_off()
+            )
+        })
+    }
+
+    /// Reports a value that stands for unknown depth: many depths have exactly this value, most of them differ from those of
+    /// the neighbouring views, and most other depths do not.
+    pub(super) fn filled(&self) -> Option<String> {
+        let samples = self.small.values().flat_map(|(_, samples)| samples);
+        let depths = samples.map(|sample| sample.depth);
+        let mut counts: BTreeMap<u64, usize> = BTreeMap::new();
+        let mut all = 0;
+        for depth in depths {
+            *counts.entry(depth.to_bits()).or_default() += 1;
+            all += 1;
+        }
+        let (bits, count) = counts.into_iter().max_by_key(|(_, count)| *count)?;
+        let value = f64::from_bits(bits);
+        let share = count as f64 / all as f64;
+        if share < MIN_FILLED {
+            return None;
+        }
+        // Positions where one of the two depths has this value, or neither has. If both have it, they may see the sky or a
+        // wall.
+        let met = |is_filled: bool| {
+            let mut met = Met::default();
+            for &(a, b) in &self.carries {
+                let samples = self.small[&a].1.iter();
+                let found = self.meet((a, b), samples, |own, z, there| {
+                    let off = (z / there - 1.0).abs() > TOLERANCE;
+                    match (own == value, there == value) {
+                        (true, true) => is_filled.then_some(false),
+                        (false, false) => (!is_filled).then_some(off),
+                        _ => is_filled.then_some(off),
+                    }
+                });
+                met.all += found.all;
+                met.off += found.off;
+            }
+            met
+        };
+        let (filled, others) = (met(true), met(false));
+        let others_fit =
+            others.all >= ENOUGH_LIMITED && others.off as f64 <= MAX_OTHERS_OFF * others.all as f64;
+        (filled.are_mostly_off() && others_fit).then(|| {
+            format!(
+                "{:.0} % of the depths are exactly {} m and mostly differ from the neighbouring views' ({:.0} %; of the other \
+                 depths, {:.0} %), so this value probably stands for unknown depth; store 0 there",
+                100.0 * share,
+                number(value),
+                filled.percent_off(),
+                others.percent_off()
             )
         })
     }
@@ -140,7 +198,7 @@ impl Neighbours<'_> {
                 TOLERANCE
             };
             let samples = self.small[a].1.iter();
-            let met = self.meet((*a, *b), samples, |z, there| {
+            let met = self.meet((*a, *b), samples, |_, z, there| {
                 Some((z / there - 1.0).abs() > least)
             });
             met.are_mostly_off()

@@ -202,7 +202,8 @@ impl Neighbours<'_> {
     pub(super) fn contradictions(&self, units: Units) -> Option<String> {
         let median_m = self.median_depth();
         let values = self.normalised(units).or_else(|| self.limited());
-        if let Some(values) = values.or_else(|| self.constant()) {
+        let values = values.or_else(|| self.constant());
+        if let Some(values) = values.or_else(|| self.filled()) {
             return Some(values);
         }
         let rounded = plausible::rounded(self.views, units);

@@ -167,6 +167,28 @@ fn depth_that_was_cut_off_is_named() {
 }
 
 #[test]
+fn values_that_stand_for_unknown_depth_are_named() {
+    /// Replaces the depth in blocks that lie elsewhere in each view.
+    fn holes(views: &mut [View], value: f32) {
+        for (i, view) in views.iter_mut().enumerate() {
+            let mut content = Pixels::of(view);
+            let depth = content.depth.as_mut().unwrap();
+            for (x, y, image::Luma([z])) in depth.enumerate_pixels_mut() {
+                let block = i as u64 * 10_000 + u64::from(y / 8 * 100 + x / 8);
+                if sharp::random::mix(block).is_multiple_of(5) {
+                    *z = value;
+                }
+            }
+            view.content = Arc::new(content);
+        }
+    }
+    named(&[
+        (|v| holes(v, 10.0), "of the depths are exactly 10 m"),
+        (|v| holes(v, 0.1), "of the depths are exactly 0.1 m"),
+    ]);
+}
+
+#[test]
 fn swapped_pictures_are_named() {
     named(&[
         (
