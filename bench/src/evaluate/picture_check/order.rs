@@ -272,6 +272,21 @@ mod tests {
     }
 
     #[test]
+    fn frames_one_off_are_told_although_nobody_targets_them() {
+        use ShownTarget::{Own, Source, ViewAfter};
+        let said = |found: &[(ShownTarget, usize)]| {
+            misplaced(&found.iter().copied().collect(), "pairs", Extent::Dataset)
+        };
+        // The frame after two of the targets is the source.
+        let text = said(&[(ViewAfter, 3), (Source, 2), (Own, 3)]).unwrap();
+        assert!(
+            text.contains("3 of the 6 compared show the scene's view after"),
+            "{text}"
+        );
+        assert_eq!(said(&[(ViewAfter, 2), (Own, 6)]), None);
+    }
+
+    #[test]
     fn copies_of_the_source_are_told_from_predictions_near_it() {
         let shown = |shown: &RgbImage, target| {
             shown_target(
