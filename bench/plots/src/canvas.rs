@@ -26,6 +26,17 @@ pub struct Lettering {
 }
 
 impl Lettering {
+    /// Horizontal text of regular weight.
+    pub const fn new(size: f64, ink: Ink, anchor: Anchor) -> Self {
+        Self {
+            size,
+            weight: Weight::Regular,
+            ink,
+            anchor,
+            upwards: false,
+        }
+    }
+
     /// Offset of a text's start from its anchor, in units.
     pub(super) fn shift(&self, text: &str) -> f64 {
         let width = || text::width(text, self.size, self.weight);

@@ -7,7 +7,7 @@ use crate::PlotError;
 use super::axis::PlotAxis;
 use super::canvas::{Anchor, Lettering, Point, Surface};
 use super::figure::Figure;
-use super::ink::{BARS, GRID, INK, Ink, MUTED, PAPER};
+use super::ink::{BARS, GRID, INK, MUTED, PAPER};
 use super::palette::{Style, stroke};
 use super::scale::Scale;
 use super::style::{FigureStyle, Medium};
@@ -293,7 +293,7 @@ impl PanelLayout {
         let mut top = MARGIN + self.title_row();
         let title = Lettering {
             weight: Weight::Bold,
-            ..lettering(TITLE_SIZE, INK, Anchor::Middle)
+            ..Lettering::new(TITLE_SIZE, INK, Anchor::Middle)
         };
         let room = self.fill * (self.width() - 2.0 * MARGIN);
         let text = fitted(&self.title, TITLE_SIZE, Weight::Bold, room);
@@ -308,14 +308,14 @@ impl PanelLayout {
                 }
                 for (i, line) in entry.label.iter().enumerate() {
                     let base = y + middle(LABEL_SIZE) + i as f64 * LEGEND_LINE;
-                    let label = lettering(LABEL_SIZE, INK, Anchor::Start);
+                    let label = Lettering::new(LABEL_SIZE, INK, Anchor::Start);
                     surface.text(line, (x + LEGEND_MARK, base), label);
                 }
                 x += entry.width;
             }
             top += legend_row(row);
         }
-        let small = lettering(TICK_SIZE, MUTED, Anchor::Start);
+        let small = Lettering::new(TICK_SIZE, MUTED, Anchor::Start);
         for (i, line) in self.caption.iter().enumerate() {
             let at = (MARGIN + LEFT, self.foot() + (i as f64 + 0.7) * CAPTION_ROW);
             surface.text(line, at, small);
@@ -346,12 +346,12 @@ impl PanelLayout {
             infinity: top + strip / 2.0,
         };
         let remark = fitted(&frame.remark, TICK_SIZE, Weight::Regular, self.fill * w);
-        let small = lettering(TICK_SIZE, MUTED, Anchor::End);
+        let small = Lettering::new(TICK_SIZE, MUTED, Anchor::End);
         surface.text(&remark, (right, top - 12.0), small);
         let room = self.fill * w - width(&remark, TICK_SIZE, Weight::Regular) - 12.0;
         let title = Lettering {
             weight: Weight::Bold,
-            ..lettering(TITLE_SIZE, INK, Anchor::Start)
+            ..Lettering::new(TITLE_SIZE, INK, Anchor::Start)
         };
         surface.text(
             &fitted(&frame.title, TITLE_SIZE, Weight::Bold, room),
@@ -359,7 +359,7 @@ impl PanelLayout {
             title,
         );
 
-        let tick = lettering(TICK_SIZE, MUTED, Anchor::End);
+        let tick = Lettering::new(TICK_SIZE, MUTED, Anchor::End);
         for (at, text) in &frame.y.ticks {
             let y = place.y.place(*at);
             surface.line(&[(left, y), (right, y)], 1.0, GRID);
@@ -376,13 +376,13 @@ impl PanelLayout {
             bottom += COUNT_STRIP;
             count_strip(surface, &frame.counts, &place.x, bottom);
         }
-        let tick = lettering(TICK_SIZE, MUTED, Anchor::Middle);
+        let tick = Lettering::new(TICK_SIZE, MUTED, Anchor::Middle);
         for (at, text) in &frame.x.ticks {
             let x = place.x.place(*at);
             surface.line(&[(x, bottom), (x, bottom + 4.0)], 1.0, MUTED);
             surface.text(text, (x, bottom + 17.0), tick);
         }
-        let label = lettering(LABEL_SIZE, INK, Anchor::Middle);
+        let label = Lettering::new(LABEL_SIZE, INK, Anchor::Middle);
         let room = self.fill * (w + 2.0 * RIGHT);
         let across = fitted(&frame.x.label, LABEL_SIZE, Weight::Regular, room);
         surface.text(&across, ((left + right) / 2.0, bottom + 36.0), label);
@@ -413,7 +413,7 @@ impl PlotArea {
             (self.x.from + self.x.to) / 2.0,
             (self.y.from + self.y.to) / 2.0,
         );
-        surface.text(text, at, lettering(LABEL_SIZE, MUTED, Anchor::Middle));
+        surface.text(text, at, Lettering::new(LABEL_SIZE, MUTED, Anchor::Middle));
     }
 }
 
@@ -451,7 +451,7 @@ fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64)
         surface.polygon(&corners, BARS);
         if numbered {
             let at = ((left + right) / 2.0, top - 2.0);
-            let small = lettering(COUNT_SIZE, MUTED, Anchor::Middle);
+            let small = Lettering::new(COUNT_SIZE, MUTED, Anchor::Middle);
             surface.text(&text_of(count.n), at, small);
         }
     }
@@ -460,7 +460,7 @@ fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64)
     } else {
         format!("n ≤ {most}")
     };
-    let small = lettering(COUNT_SIZE, MUTED, Anchor::End);
+    let small = Lettering::new(COUNT_SIZE, MUTED, Anchor::End);
     surface.text(&label, (x.from - 8.0, foot - 2.0), small);
 }
 
@@ -472,16 +472,6 @@ fn legend_row(row: &[LegendEntry]) -> f64 {
 /// Distance from the middle of a capital letter to its baseline.
 fn middle(size: f64) -> f64 {
     size * CAP_HEIGHT / 2.0
-}
-
-fn lettering(size: f64, ink: Ink, anchor: Anchor) -> Lettering {
-    Lettering {
-        size,
-        weight: Weight::Regular,
-        ink,
-        anchor,
-        upwards: false,
-    }
 }
 
 #[cfg(test)]

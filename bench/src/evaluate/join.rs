@@ -181,16 +181,8 @@ fn joined_results(a: Results, b: Results) -> Result<Results, String> {
 /// Joins two records of the same unit. The error names the contradiction.
 fn joined_records(mut a: Record, b: Record) -> Result<Record, String> {
     let bits = |v: Option<f64>| v.map(f64::to_bits);
-    let facts = [
-        ("baseline", Some(a.baseline_m), Some(b.baseline_m)),
-        ("rotation", Some(a.rotation_deg), Some(b.rotation_deg)),
-        ("median depth", a.median_depth_m, b.median_depth_m),
-        ("overlap", a.overlap, b.overlap),
-    ];
-    for (what, one, other) in facts {
-        if bits(one) != bits(other) {
-            return Err(what.to_owned());
-        }
+    if let Some(what) = a.differing_fact(&b) {
+        return Err(what.to_owned());
     }
     if a.status != b.status {
         return Err("the outcome".to_owned());

@@ -226,6 +226,21 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
 }
 
 impl Record {
+    /// The name of the first geometric fact in which two records of a pair differ. Such facts must not depend on the
+    /// method.
+    pub(crate) fn differing_fact(&self, other: &Self) -> Option<&'static str> {
+        let facts = |r: &Self| {
+            [
+                ("baseline", Some(r.baseline_m.to_bits())),
+                ("rotation", Some(r.rotation_deg.to_bits())),
+                ("median depth", r.median_depth_m.map(f64::to_bits)),
+                ("overlap", r.overlap.map(f64::to_bits)),
+            ]
+        };
+        let mut both = facts(self).into_iter().zip(facts(other));
+        both.find(|(a, b)| a != b).map(|((what, _), _)| what)
+    }
+
     /// All numbers other than scores, by column name: the method's extras, and those of [`Self::crop`],
     /// [`Self::valid_share`], [`Self::resized_from`] and [`Self::scale`].
     pub fn reported(&self) -> BTreeMap<&str, f64> {

@@ -121,7 +121,7 @@ impl<'a> Board<'a> {
                 method: record.method.clone(),
                 reason,
             };
-            if let Some(what) = differing_fact(pair.facts, record) {
+            if let Some(what) = pair.facts.differing_fact(record) {
                 return Err(conflict(format!(
                     "its {what} differs from the one in the record of '{}'",
                     pair.facts.method
@@ -186,21 +186,6 @@ impl<'a> Board<'a> {
         });
         failures.collect()
     }
-}
-
-/// The name of the first geometric fact in which two records of a pair differ. Such facts must not depend on the
-/// method.
-fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
-    let facts = |r: &Record| {
-        [
-            ("baseline", Some(r.baseline_m.to_bits())),
-            ("rotation", Some(r.rotation_deg.to_bits())),
-            ("median depth", r.median_depth_m.map(f64::to_bits)),
-            ("overlap", r.overlap.map(f64::to_bits)),
-        ]
-    };
-    let mut both = facts(a).into_iter().zip(facts(b));
-    both.find(|(a, b)| a != b).map(|((what, _), _)| what)
 }
 
 impl ReportDataset {

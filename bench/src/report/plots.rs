@@ -48,13 +48,7 @@ const BAR: Ink = Ink::opaque(0x00, 0x72, 0xB2);
 /// Font size of the methods' names.
 const NAME_SIZE: f64 = 11.5;
 /// Lettering of the methods' names below columns of points.
-const NAME: Lettering = Lettering {
-    size: NAME_SIZE,
-    weight: Weight::Regular,
-    ink: MUTED,
-    anchor: Anchor::Middle,
-    upwards: false,
-};
+const NAME: Lettering = Lettering::new(NAME_SIZE, MUTED, Anchor::Middle);
 
 /// The known baselines of a dataset, ascending, and their bins.
 struct Baselines {

@@ -254,11 +254,8 @@ impl Layout {
         }
         for line in &self.lines {
             let lettering = Lettering {
-                size: line.size,
                 weight: line.weight,
-                ink: line.ink,
-                anchor: Anchor::Start,
-                upwards: false,
+                ..Lettering::new(line.size, line.ink, Anchor::Start)
             };
             surface.text(&line.text, point(line.at), lettering);
         }

@@ -160,13 +160,7 @@ fn labels(surface: &mut Surface, area: &PlotArea, history: &History) {
     if area.x.high - area.x.low > MAX_LABELLED {
         return;
     }
-    let lettering = Lettering {
-        size: LABEL_SIZE,
-        weight: Weight::Regular,
-        ink: MUTED,
-        anchor: Anchor::Middle,
-        upwards: false,
-    };
+    let lettering = Lettering::new(LABEL_SIZE, MUTED, Anchor::Middle);
     for (number, occasion) in &history.entries {
         let text = fitted(&occasion.label, LABEL_SIZE, Weight::Regular, room * 0.85);
         let at = (area.x.place(f64::from(*number)), area.y.from + 33.0);
