@@ -2,7 +2,7 @@
 
 use image::{Rgb, RgbImage};
 
-use crate::support::{read, sharp_bench};
+use crate::support::{read, sharp_bench, words};
 
 fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
@@ -17,14 +17,7 @@ fn folder() -> tempfile::TempDir {
 #[test]
 fn the_table_of_translations_with_files_and_json() {
     let dir = folder();
-    let args = [
-        "analyze",
-        "translation",
-        "photo.png",
-        "--out",
-        "out",
-        "--json",
-    ];
+    let args = words("analyze translation photo.png --out out --json");
     let json = sharp_bench(dir.path(), &args).ends_with(0).json();
     assert_eq!(json["window"], serde_json::json!([190, 60]));
     let rows = json["comparisons"].as_array().unwrap();

@@ -90,12 +90,7 @@ fn done(browser: &str, page: &Path, script: &str) -> BTreeMap<String, String> {
     .unwrap();
     let open = || {
         let output = Command::new(browser)
-            .args([
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--window-size=1400,900",
-            ])
+            .args("--headless --no-sandbox --disable-gpu --window-size=1400,900".split(' '))
             .args(["--virtual-time-budget=20000", "--dump-dom"])
             .arg(format!("file://{}", copy.canonicalize().unwrap().display()))
             .env("HOME", folder)

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::{Said, read, sharp_bench};
+use crate::support::{Said, read, sharp_bench, words};
 
 const DATASET: &str = "S:synthetic=size=96x72,views=20";
 
@@ -72,14 +72,7 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
     );
     let of_psnr = format!("inconclusive ({:+.3})", number("difference"));
     assert!(shown.contains(&of_psnr), "{of_psnr}: {shown}");
-    let renamed = [
-        "a",
-        "b",
-        "--rename",
-        "depth-splat=Ours",
-        "--metrics",
-        "psnr",
-    ];
+    let renamed = words("a b --rename depth-splat=Ours --metrics psnr");
     let shown = compare(dir, &renamed).ends_with(0).out;
     assert!(
         shown.contains("psnr: copy (A), Ours (B)") && !shown.contains("ssim"),
@@ -99,14 +92,7 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
         .json();
     assert_eq!(within["rows"], json["rows"]);
     compare(dir, &["a", "b", "--flips"]).is_usage_error_with(&["--flips needs two methods"]);
-    let flips = [
-        "both",
-        "--method",
-        "copy=depth-splat",
-        "--method",
-        "depth-splat=copy",
-        "--flips",
-    ];
+    let flips = words("both --method copy=depth-splat --method depth-splat=copy --flips");
     let flipped = compare(dir, &flips).ends_with(0).out;
     let title = "psnr: 4 of 4 pairs changed the order of depth-splat and copy";
     assert!(flipped.contains(title), "{flipped}");

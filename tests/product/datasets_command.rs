@@ -6,7 +6,7 @@ use serde_json::Value;
 use sharp_datasets::format::read_map;
 
 use crate::own_pictures::own_pictures;
-use crate::support::{read, sharp_bench};
+use crate::support::{read, sharp_bench, words};
 
 /// The bundled scene, stored twice as two scenes of Middlebury.
 fn middlebury(folder: &Path) {
@@ -39,12 +39,7 @@ fn a_sound_dataset_passes_its_check() {
             assert!(said.out.contains(part), "'{part}' is not in: {}", said.out);
         }
     }
-    let synthetic = [
-        "datasets",
-        "check",
-        "synthetic=size=96x72,views=12",
-        "--json",
-    ];
+    let synthetic = words("datasets check synthetic=size=96x72,views=12 --json");
     let json = sharp_bench(dir.path(), &synthetic).ends_with(0).json();
     let scene = &json["datasets"][0]["scenes"][0];
     assert_eq!(
@@ -257,15 +252,9 @@ fn a_pair_list_needs_exactly_these_files() {
 fn own_pictures_need_what_their_camera_file_names() {
     let dir = tempfile::tempdir().unwrap();
     own_pictures(&dir.path().join("own"), [1.0, -1.0, -1.0]);
-    let pairs = [
-        "pairs",
-        "--dataset",
-        "nerfstudio=own,depth-unit=1",
-        "--pair-options",
-        "threshold=0",
-        "--out",
-        "pairs.csv",
-    ];
+    let pairs = words(
+        "pairs --dataset nerfstudio=own,depth-unit=1 --pair-options threshold=0 --out pairs.csv",
+    );
     sharp_bench(dir.path(), &pairs).ends_with(0);
     let needed = |dataset: &str| {
         let args = [

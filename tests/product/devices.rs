@@ -16,7 +16,7 @@ use std::process::{Command, ExitCode};
 
 use libtest_mimic::{Arguments, Trial};
 use render_scene::folder;
-use support::{Said, sharp_bench};
+use support::{Said, sharp_bench, words};
 
 fn main() -> ExitCode {
     let arguments = Arguments::from_args();
@@ -269,21 +269,10 @@ fn movies() {
     std::fs::write(dir.join("odd.json"), odd).unwrap();
     render(
         dir,
-        &[
-            "--backend",
-            "cpu",
-            "--camera",
-            "odd.json",
-            "--trajectory",
-            "rotate",
-            "--frames",
-            "7",
-            "--fps",
-            "10",
-            "--depth",
-            "--out",
-            "odd.mp4",
-        ],
+        &words(
+            "--backend cpu --camera odd.json --trajectory rotate --frames 7 --fps 10 --depth \
+             --out odd.mp4",
+        ),
     );
     for name in ["odd.mp4", "odd.depth.mp4"] {
         let probe = Command::new("ffprobe")

@@ -6,7 +6,7 @@ use image::{GrayImage, Luma, Rgb};
 use serde_json::{Value, json};
 
 use crate::own_pictures::own_pictures;
-use crate::support::{Said, read, sharp_bench};
+use crate::support::{Said, read, sharp_bench, words};
 
 /// Excludes a block of 16 × 12 of the 64 × 48 pixels of each picture.
 fn masks(folder: &Path) {
@@ -95,13 +95,7 @@ fn excluded_pixels_have_no_say_in_scores() {
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         prediction.save(path).unwrap();
     }
-    let methods = [
-        "--method",
-        "imported:label=mine,dir=mine",
-        "--method",
-        "copy",
-        "--json",
-    ];
+    let methods = words("--method imported:label=mine,dir=mine --method copy --json");
     let said = run(dir, "r", masked, &methods).ends_with(0).json();
     let rule = said["manifest"]["scoring"]["excluded pixels"]
         .as_str()

@@ -8,20 +8,11 @@ use sharp_bench::io::hash::file_sha256;
 use sharp_tests::files_below;
 use sharp_tests::mutants::bomb;
 
-use crate::support::{Said, read, sharp_bench};
+use crate::support::{Said, read, sharp_bench, words};
 
 fn run(dir: &Path, more: &[&str]) -> Said {
-    let args = [
-        "run",
-        "--dataset",
-        "S:synthetic=size=48x36,views=5",
-        "--metrics",
-        "psnr",
-        "--limit",
-        "6",
-        "--out",
-        "r",
-    ];
+    let args =
+        words("run --dataset S:synthetic=size=48x36,views=5 --metrics psnr --limit 6 --out r");
     sharp_bench(dir, &[&args[..], more].concat())
 }
 
@@ -216,13 +207,7 @@ fn what_a_killed_run_left_goes_at_the_next_start() {
     std::fs::create_dir(dir.join("tmp")).unwrap();
     std::fs::write(dir.join("slow.sh"), "read line; touch asked; sleep 1000").unwrap();
     let mut killed = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
-        .args([
-            "run",
-            "--dataset",
-            "S:synthetic=size=48x36,views=5",
-            "--metrics",
-            "psnr",
-        ])
+        .args("run --dataset S:synthetic=size=48x36,views=5 --metrics psnr".split(' '))
         .args(["--out", "r", "--method", "command:run='sh slow.sh'"])
         .env("TMPDIR", dir.join("tmp"))
         .current_dir(dir)
@@ -323,15 +308,7 @@ fn names_are_shown_and_not_obeyed() {
             std::fs::copy(source.join(file), scene.join(file)).unwrap();
         }
     }
-    let args = [
-        "run",
-        "--dataset",
-        "D:middlebury=data",
-        "--metrics",
-        "psnr",
-        "--method",
-        "copy",
-    ];
+    let args = words("run --dataset D:middlebury=data --metrics psnr --method copy");
     let with = |more: &[&str]| sharp_bench(dir, &[&args[..], more].concat());
     let is_obeyed = |c: char| {
         (c.is_control() && c != '\n' && c != '\t') || matches!(c, '\u{202a}'..='\u{202e}')

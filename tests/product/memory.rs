@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use super::support::sharp_bench;
+use super::support::{sharp_bench, words};
 use super::{random, run, send, start, unit_files};
 
 const MIB: u64 = 1 << 20;
@@ -110,17 +110,11 @@ pub(crate) fn soak() {
         "imported:label=gone,dir=there",
         "command:label=faulty,timeout=2,run=sh program.sh",
     ];
-    let plan = [
-        "run",
-        "--plan-only",
-        "--out",
-        "P",
-        "--dataset",
-        "Middlebury:middlebury=demo/data",
-        "--dataset",
-        "Synthetic:synthetic=size=480x360,views=48",
-        "--pair-options=sets=whole,threshold=0,at-threshold=in,limit=all",
-    ];
+    let plan = words(
+        "run --plan-only --out P --dataset Middlebury:middlebury=demo/data \
+         --dataset Synthetic:synthetic=size=480x360,views=48 \
+         --pair-options=sets=whole,threshold=0,at-threshold=in,limit=all",
+    );
     let methods = methods.iter().flat_map(|method| ["--method", method]);
     let plan: Vec<&str> = plan.into_iter().chain(methods).collect();
     sharp_bench(root, &plan).ends_with(0);

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use sharp_checkpoint::deterministic::backbone_weights;
 use sharp_checkpoint::{DType, OutTensor, write_safetensors};
 
-use crate::support::{read, sharp_bench as run};
+use crate::support::{read, sharp_bench as run, words};
 
 /// Index, inputs, squeezed channels and outputs per half of each of SqueezeNet's modules.
 const FIRES: [(usize, usize, usize, usize); 8] = [
@@ -62,12 +62,7 @@ fn image(side: &str) -> String {
 fn candles_tensors_give_the_same_numbers_and_say_where_they_were_computed() {
     let dir = tempfile::tempdir().unwrap();
     squeezenet(&dir.path().join("s.safetensors"));
-    let learned = [
-        "--metrics",
-        "lpips-squeeze",
-        "--weights",
-        "squeezenet1_1=s.safetensors",
-    ];
+    let learned = words("--metrics lpips-squeeze --weights squeezenet1_1=s.safetensors");
     let (a, b) = (image("dist"), image("ref"));
     let score = |device: &str| {
         let args = ["metrics", &a, &b, "--device", device, "--json"];
@@ -92,13 +87,7 @@ fn candles_tensors_give_the_same_numbers_and_say_where_they_were_computed() {
 
     // Two runs that differ only in the device are not combined in one table.
     for (device, method) in [("cpu", "copy"), ("candle-cpu", "mean")] {
-        let args = [
-            "run",
-            "--dataset",
-            "S:synthetic=size=96x72,views=20",
-            "--limit",
-            "1",
-        ];
+        let args = words("run --dataset S:synthetic=size=96x72,views=20 --limit 1");
         let rest = ["--method", method, "--out", device, "--device", device];
         run(dir.path(), &[&args[..], &rest, &learned].concat()).ends_with(0);
         let manifest = read(dir.path().join(device).join("manifest.json"));

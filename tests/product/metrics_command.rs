@@ -1,6 +1,6 @@
 //! `sharp-bench metrics` as used in scripts.
 
-use crate::support::sharp_bench;
+use crate::support::{sharp_bench, words};
 use image::{Rgb, RgbImage};
 
 fn picture(seed: u32, width: u32, height: u32) -> RgbImage {
@@ -29,14 +29,7 @@ fn two_pictures_and_their_json() {
     let dir = folder();
     let said = sharp_bench(
         dir.path(),
-        &[
-            "metrics",
-            "p/a.png",
-            "t/a.png",
-            "--metrics",
-            "psnr,ssim-gauss11-valid",
-            "--json",
-        ],
+        &words("metrics p/a.png t/a.png --metrics psnr,ssim-gauss11-valid --json"),
     )
     .ends_with(0);
     let json = said.json();
@@ -61,14 +54,7 @@ fn two_pictures_and_their_json() {
 #[test]
 fn identical_pictures_score_inf_as_text() {
     let dir = folder();
-    let args = [
-        "metrics",
-        "p/a.png",
-        "p/a.png",
-        "--metrics",
-        "psnr",
-        "--json",
-    ];
+    let args = words("metrics p/a.png p/a.png --metrics psnr --json");
     let json = sharp_bench(dir.path(), &args).ends_with(0).json();
     assert_eq!(json["pairs"][0]["scores"]["psnr"], "inf");
     assert_eq!(json["mean"]["psnr"], "inf");
@@ -148,13 +134,7 @@ fn usage_errors_end_with_2_and_unknown_metrics_say_what_is_known() {
     let dir = folder();
     assert_eq!(sharp_bench(dir.path(), &["metrics", "p/a.png"]).code, 2);
     assert_eq!(sharp_bench(dir.path(), &["nonsense"]).code, 2);
-    let args = [
-        "metrics",
-        "p/a.png",
-        "t/a.png",
-        "--metrics",
-        "psnr,lpips[alex,v0.0]",
-    ];
+    let args = words("metrics p/a.png t/a.png --metrics psnr,lpips[alex,v0.0]");
     sharp_bench(dir.path(), &args).is_usage_error_with(&["v0.0"]);
 }
 
@@ -175,14 +155,7 @@ fn float_pictures_are_read_and_checked() {
         std::fs::write(dir.path().join(name), file).unwrap();
     };
     write("good.safetensors", &values);
-    let args = [
-        "metrics",
-        "good.safetensors",
-        "p/a.png",
-        "--metrics",
-        "psnr",
-        "--json",
-    ];
+    let args = words("metrics good.safetensors p/a.png --metrics psnr --json");
     let json = sharp_bench(dir.path(), &args).ends_with(0).json();
     // f32(v / 255) differs from v / 255, so the score is finite, but higher than that of any real
     // prediction.
@@ -210,16 +183,7 @@ fn alpha_is_refused_and_dropped_on_request() {
     });
     glass.save(dir.path().join("glass.png")).unwrap();
     opaque.save(dir.path().join("opaque.png")).unwrap();
-    let args = [
-        "metrics",
-        "glass.png",
-        "opaque.png",
-        "--metrics",
-        "psnr",
-        "--json",
-        "--alpha",
-        "drop",
-    ];
+    let args = words("metrics glass.png opaque.png --metrics psnr --json --alpha drop");
     sharp_bench(dir.path(), &args[..6]).is_error_with(&["glass.png", "--alpha white"]);
     let said = sharp_bench(dir.path(), &args).ends_with(0);
     let note = &said.json()["pairs"][0]["notes"][0];

@@ -1,6 +1,6 @@
 //! `predict`, `gaussians`, `render` and the methods that take Gaussians, on the tiny network.
 
-use crate::support::sharp_bench as run;
+use crate::support::{sharp_bench as run, words};
 use crate::tiny::{depth_pro, golden, recorded_input, tiny};
 
 #[test]
@@ -27,14 +27,7 @@ fn a_photograph_becomes_gaussians_that_can_be_looked_at_and_rendered() {
     assert_eq!(info["per_layer"].as_u64(), Some(count / 2));
     assert_eq!(info["not_finite"], 0);
 
-    let convert = [
-        "gaussians",
-        "convert",
-        "p.ply",
-        "q.ply",
-        "--min-opacity",
-        "0.5",
-    ];
+    let convert = words("gaussians convert p.ply q.ply --min-opacity 0.5");
     run(dir.path(), &convert).ends_with(0);
     let kept = run(dir.path(), &["gaussians", "info", "q.ply", "--json"])
         .ends_with(0)
@@ -99,20 +92,10 @@ fn predicted_and_imported_gaussians_are_evaluated_alike() {
     let file = dir.path().join("g").join(format!("{source}.ply"));
     std::fs::create_dir_all(file.parent().unwrap()).unwrap();
     std::fs::copy(golden("tiny_golden.ply"), &file).unwrap();
-    let args = [
-        "run",
-        "--dataset",
-        "S:synthetic=size=96x72,views=20",
-        "--limit",
-        "1",
-        "--metrics",
-        "psnr",
-        "--out",
-        "s",
-        "--method",
-        "gaussians:label=theirs,dir=g",
-        "--json",
-    ];
+    let args = words(
+        "run --dataset S:synthetic=size=96x72,views=20 --limit 1 --metrics psnr --out s \
+         --method gaussians:label=theirs,dir=g --json",
+    );
     assert_eq!(run(dir.path(), &args).ends_with(0).json()["failed"], 0);
 }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::support::{Said, read, sharp_bench};
+use crate::support::{Said, read, sharp_bench, words};
 
 const DATASET: &str = "S:synthetic=size=64x48,views=6,scenes=2";
 
@@ -149,14 +149,7 @@ fn pictures_are_seen_at_the_protocols_size() {
     // 64x48 is too small for 256x256.
     run(
         dir,
-        &[
-            "--protocol",
-            "pixelsplat",
-            "--pairs",
-            "pairs.csv",
-            "--out",
-            "p",
-        ],
+        &words("--protocol pixelsplat --pairs pairs.csv --out p"),
     )
     .is_error_with(&["frame=cover:256x256", "64x48"]);
     run(dir, &["--protocol", "pixelsplat", "--out", "p"])

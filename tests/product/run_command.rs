@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::{read, sharp_bench};
+use crate::support::{read, sharp_bench, words};
 
 const DATASET: &str = "S:synthetic=size=96x72,views=20";
 
@@ -43,14 +43,7 @@ fn run(dir: &Path, out: &str, more: &[&str]) -> crate::support::Said {
 #[test]
 fn scores_have_the_promised_columns_and_the_target_is_perfect() {
     let dir = tempfile::tempdir().unwrap();
-    let methods = [
-        "--method",
-        "target",
-        "--method",
-        "copy",
-        "--method",
-        "depth-splat",
-    ];
+    let methods = words("--method target --method copy --method depth-splat");
     let args = [
         "run",
         "--dataset",
@@ -370,25 +363,9 @@ fn what_cannot_work_is_one_line() {
     run(dir.path(), "r", &["--method", "imported:dir=nowhere"]).is_error_with(&["nowhere"]);
     run(dir.path(), "r", &["--method", "magic"]).is_usage_error_with(&["magic", "depth-splat"]);
     run(dir.path(), "full", &["--method", "copy"]).is_error_with(&["full", "other files"]);
-    let unknown = [
-        "run",
-        "--dataset",
-        "moonbase=x",
-        "--method",
-        "copy",
-        "--out",
-        "r",
-    ];
+    let unknown = words("run --dataset moonbase=x --method copy --out r");
     sharp_bench(dir.path(), &unknown).is_usage_error_with(&["moonbase", "middlebury"]);
-    let absent = [
-        "run",
-        "--dataset",
-        "middlebury=nowhere",
-        "--method",
-        "copy",
-        "--out",
-        "r",
-    ];
+    let absent = words("run --dataset middlebury=nowhere --method copy --out r");
     sharp_bench(dir.path(), &absent).is_error_with(&["nowhere"]);
     sharp_bench(dir.path(), &["report", "nowhere"]).is_error_with(&["nowhere", "manifest.json"]);
 }
@@ -501,15 +478,7 @@ fn a_run_is_repeated_from_its_own_file() {
       cp \"$(dirname \"$to\")/source.png\" \"$to\"; echo \"{\\\"pair_id\\\":\\\"$id\\\"}\"
     done";
     std::fs::write(path.join("study/my.sh"), program).unwrap();
-    let args = [
-        "run",
-        "--config",
-        "study/study.toml",
-        "--limit",
-        "3",
-        "--out",
-        "r",
-    ];
+    let args = words("run --config study/study.toml --limit 3 --out r");
     sharp_bench(path, &args).ends_with(0);
     let scores = read(path.join("r/scores.csv"));
     assert_eq!(scores.lines().count(), 1 + 3 * 2, "{scores}");
@@ -539,15 +508,7 @@ fn a_run_is_repeated_from_its_own_file() {
         &[&study[..], &["--pairs", "list.csv", "--out", "w"]].concat(),
     )
     .is_usage_error_with(&["pairs and pair-options"]);
-    let listed = [
-        "run",
-        "--dataset",
-        "synthetic=size=48x36,views=6",
-        "--method",
-        "copy",
-        "--metrics",
-        "psnr",
-    ];
+    let listed = words("run --dataset synthetic=size=48x36,views=6 --method copy --metrics psnr");
     sharp_bench(
         path,
         &[

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::{read, sharp_bench};
+use crate::support::{read, sharp_bench, words};
 
 const DATA: [&str; 4] = [
     "--dataset",
@@ -12,17 +12,7 @@ const DATA: [&str; 4] = [
 ];
 
 fn run(dir: &Path) {
-    let more = [
-        "run",
-        "--method",
-        "copy",
-        "--metrics",
-        "psnr",
-        "--limit",
-        "2",
-        "--out",
-        "r",
-    ];
+    let more = words("run --method copy --metrics psnr --limit 2 --out r");
     sharp_bench(dir, &[&more[..], &DATA].concat()).ends_with(0);
 }
 

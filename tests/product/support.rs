@@ -78,6 +78,11 @@ pub(crate) fn ascii_ply(rows: &[[f32; 14]]) -> String {
     text
 }
 
+/// The arguments of a command line, without the program's name; none contains a space.
+pub(crate) fn words(line: &str) -> Vec<&str> {
+    line.split(' ').collect()
+}
+
 /// Runs `sharp-bench` in a folder without access to the user's files: no cache of overlaps, no
 /// weights.
 pub(crate) fn sharp_bench(folder: &Path, args: &[&str]) -> Said {

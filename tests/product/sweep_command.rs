@@ -2,25 +2,16 @@
 
 use std::path::Path;
 
-use crate::support::{ascii_ply, read, sharp_bench};
+use crate::support::{ascii_ply, read, sharp_bench, words};
 use crate::tiny::{recorded_input, tiny};
 
 /// Runs of a controlled sweep: two scenes, three steps of 5 cm each.
 fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
-    let args = [
-        "run",
-        "--dataset",
-        "S:synthetic=sweep=translation,size=48x36,views=4,scenes=2",
-        "--method",
-        "copy",
-        "--method",
-        "mean",
-        "--metrics",
-        "psnr",
-        "--out",
-        "run",
-    ];
+    let args = words(
+        "run --dataset S:synthetic=sweep=translation,size=48x36,views=4,scenes=2 --method copy \
+         --method mean --metrics psnr --out run",
+    );
     sharp_bench(dir.path(), &args).ends_with(0);
     dir
 }
@@ -40,21 +31,10 @@ fn is_there(dir: &Path, name: &str) {
 #[test]
 fn a_controlled_sweep_from_pictures_to_tables() {
     let dir = folder();
-    let args = [
-        "sweep",
-        "run",
-        "--bins",
-        "0.05",
-        "--threshold",
-        "psnr=99",
-        "--against",
-        "copy",
-        "--methods",
-        "copy,mean",
-        "--out",
-        "out",
-        "--json",
-    ];
+    let args = words(
+        "sweep run --bins 0.05 --threshold psnr=99 --against copy --methods copy,mean --out out \
+         --json",
+    );
     let said = sharp_bench(dir.path(), &args).ends_with(0).json();
     assert_eq!(said["crossings"][0]["rule"], "below 99");
     assert_eq!(said["crossings"][0]["x"], "-inf");
@@ -280,15 +260,7 @@ fn the_depth_beside_a_failure_is_that_of_the_rendering() {
         "run",
     ];
     sharp_bench(dir.path(), &[&run[..], &["--keep", "float"]].concat()).ends_with(0);
-    let figure = [
-        "figure",
-        "failure",
-        "run",
-        "--methods",
-        "gaussians",
-        "--out",
-        "f",
-    ];
+    let figure = words("figure failure run --methods gaussians --out f");
     sharp_bench(dir.path(), &figure).ends_with(0);
     let sheet = image::open(dir.path().join("f/failure.png"))
         .unwrap()
@@ -322,18 +294,8 @@ fn depth_against_that_of_the_mirrored_picture() {
     };
     depth("d.png", 1000);
     depth("m.png", 2000);
-    let args_of_maps = [
-        "figure",
-        "uncertainty",
-        "--picture",
-        "p.png",
-        "--depth",
-        "d.png",
-        "--mirrored",
-        "m.png",
-        "--out",
-        "f",
-    ];
+    let args_of_maps =
+        words("figure uncertainty --picture p.png --depth d.png --mirrored m.png --out f");
     sharp_bench(dir.path(), &args_of_maps).ends_with(0);
     is_there(dir.path(), "f/uncertainty.png");
     // Both layers of a network, one row each.

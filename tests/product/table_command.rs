@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::sharp_bench;
+use crate::support::{sharp_bench, words};
 use crate::tiny::golden;
 
 /// Middlebury's Motorcycle at quarter size.
@@ -24,14 +24,7 @@ const ODD: &str = "<b>a_1 & 5 %</b>";
 fn rows_of_ones_own_stand_below_the_published_ones() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    let methods = [
-        "--method",
-        "copy",
-        "--method",
-        "mean",
-        "--metrics",
-        "psnr,ssim",
-    ];
+    let methods = words("--method copy --method mean --metrics psnr,ssim");
     run(dir, "run", &methods);
     let rows = [
         format!("{ODD}=run:copy"),
@@ -155,13 +148,7 @@ fn tables_that_are_no_scores_take_rows_too() {
         "moved",
     ];
     sharp_bench(dir, &args).ends_with(0);
-    let args = [
-        "table",
-        "metrics_comparison",
-        "--row",
-        "here=moved",
-        "--json",
-    ];
+    let args = words("table metrics_comparison --row here=moved --json");
     let json = sharp_bench(dir, &args).ends_with(0).json();
     let cells = json["cells"].as_array().unwrap();
     assert_eq!(cells.len(), 8 * 4);
@@ -175,13 +162,7 @@ fn tables_that_are_no_scores_take_rows_too() {
     let lines = "m,M,middlebury,inference_secs,15,0.5,0.4,0.6,0.3,0.9\nm,M,middlebury,render_secs,15,0.02,0.01,0.03,0.01,0.04\n";
     std::fs::create_dir(dir.join("speed")).unwrap();
     std::fs::write(dir.join("speed/speed.csv"), format!("{head}{lines}")).unwrap();
-    let args = [
-        "table",
-        "timing-comparison",
-        "--row",
-        "mine=speed",
-        "--json",
-    ];
+    let args = words("table timing-comparison --row mine=speed --json");
     let json = sharp_bench(dir, &args).ends_with(0).json();
     let mine = json["cells"]
         .as_array()
@@ -240,14 +221,7 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
     run(
         dir,
         "run",
-        &[
-            "--method",
-            "depth-splat:resolution=256",
-            "--metrics",
-            "psnr",
-            "--keep",
-            "float",
-        ],
+        &words("--method depth-splat:resolution=256 --metrics psnr --keep float"),
     );
     let explain = |args: &[&str]| {
         sharp_bench(

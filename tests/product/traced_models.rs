@@ -7,7 +7,7 @@ use std::path::Path;
 use serde_json::Value;
 use sharp_checkpoint::{Checkpoint, OutTensor, write_safetensors};
 
-use crate::support::{Said, sharp_bench as run};
+use crate::support::{Said, sharp_bench as run, words};
 use crate::tiny::{golden, recorded_input, tiny, with_checkpoint};
 
 /// Runs `parity` of a checkpoint against the official recording.
@@ -139,14 +139,7 @@ fn a_recording_of_ours_is_reproduced() {
     let input = ["--image", &image, "--focal-px", "400"];
     let record = ["record", "--out", "rec.safetensors"];
     run(dir.path(), &[&record[..], &input, &model].concat()).ends_with(0);
-    let parity = [
-        "parity",
-        "--golden",
-        "rec.safetensors",
-        "--tolerance",
-        "0",
-        "--json",
-    ];
+    let parity = words("parity --golden rec.safetensors --tolerance 0 --json");
     let json = run(dir.path(), &[&parity[..], &input, &model].concat())
         .ends_with(0)
         .json();

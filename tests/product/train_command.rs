@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use sharp::model::inventory::CheckpointSource;
 use sharp_datasets::bundled;
 
-use crate::support::{Said, read, sharp_bench};
+use crate::support::{Said, read, sharp_bench, words};
 use crate::tiny::{golden, recorded_input};
 
 /// Four steps of the first stage, without the perceptual loss, whose network takes the most time.
@@ -130,16 +130,8 @@ fn a_training_is_validated_and_goes_on_where_it_was_killed_or_interrupted() {
 
     // The weights are a checkpoint for the network described next to them.
     let method = "sharp:checkpoint=a/weights.safetensors,config=a/network.json";
-    let run = [
-        "run",
-        "--dataset",
-        "synthetic=size=64x48,views=20",
-        "--limit",
-        "1",
-        "--metrics",
-        "psnr",
-        "--method",
-    ];
+    let run =
+        words("run --dataset synthetic=size=64x48,views=20 --limit 1 --metrics psnr --method");
     sharp_bench(dir.path(), &[&run[..], &[method, "--out", "r"]].concat()).ends_with(0);
 }
 

@@ -12,7 +12,7 @@ use sharp::model::inventory::inventory;
 use sharp_checkpoint::{Checkpoint, DType, OutTensor, write_safetensors};
 use sharp_tests::hostile_checkpoints;
 
-use crate::support::{Said, sharp_bench as run, sharp_bench_with};
+use crate::support::{Said, sharp_bench as run, sharp_bench_with, words};
 use crate::tiny::{golden, recorded_input, with_checkpoint};
 
 #[test]
@@ -213,13 +213,7 @@ fn surplus_tensors_are_refused_until_they_are_allowed_everywhere() {
     }
     let evaluate = |more: &str| {
         let method = format!("sharp:checkpoint=more.safetensors,config={config}{more}");
-        let args = [
-            "run",
-            "--dataset",
-            "S:synthetic=size=96x72,views=20",
-            "--limit",
-            "1",
-        ];
+        let args = words("run --dataset S:synthetic=size=96x72,views=20 --limit 1");
         let rest = [
             "--metrics",
             "psnr",
@@ -359,13 +353,7 @@ fn a_checkpoint_in_torchs_folder_is_found_recorded_and_recognised() {
     for command in [&check[..], &["weights", "fetch", "sharp"]] {
         at_home(dir.path(), command).is_error_with(&["recorded on", "delete"]);
     }
-    let evaluate = [
-        "run",
-        "--dataset",
-        "S:synthetic=size=96x72,views=20",
-        "--out",
-        "r",
-    ];
+    let evaluate = words("run --dataset S:synthetic=size=96x72,views=20 --out r");
     let evaluate = [&evaluate[..], &["--method", "sharp", "--metrics", "psnr"]].concat();
     at_home(dir.path(), &evaluate).is_error_with(&["recorded on"]);
 }

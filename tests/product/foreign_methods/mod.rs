@@ -4,7 +4,7 @@ mod pictures;
 mod programs;
 mod scale_sweep;
 
-use crate::support::{Said, read, sharp_bench};
+use crate::support::{Said, read, sharp_bench, words};
 use image::imageops;
 use image::{Rgb, RgbImage};
 use std::collections::BTreeMap;

@@ -13,20 +13,12 @@ fn pictures_of_another_size_are_resized_by_a_named_kernel_only() {
         save(dir, "square", id, &imageops::thumbnail(&small, 30, 30));
         save(dir, "large", id, &imageops::thumbnail(&small, 192, 144));
     }
-    let methods = [
-        "--limit",
-        "3",
-        "--method",
-        "imported:label=cubic,dir=small,resize=bicubic",
-        "--method",
-        "imported:label=linear,dir=small,resize=bilinear",
-        "--method",
-        "imported:dir=small",
-        "--method",
-        "imported:label=square,dir=square,resize=bicubic",
-        "--method",
-        "imported:label=large,dir=large,resize=lanczos",
-    ];
+    let methods = words(
+        "--limit 3 --method imported:label=cubic,dir=small,resize=bicubic \
+         --method imported:label=linear,dir=small,resize=bilinear --method imported:dir=small \
+         --method imported:label=square,dir=square,resize=bicubic \
+         --method imported:label=large,dir=large,resize=lanczos",
+    );
     let said = run(dir, "r", &methods).ends_with(4);
     assert!(
         said.out.contains("were resized (`bicubic`) before scoring"),
@@ -179,12 +171,7 @@ fn cropped_pictures_are_scored_on_the_equally_cropped_truth() {
         r#"{"corp": [0]}"#,
     )
     .unwrap();
-    let left = [
-        "--limit",
-        "2",
-        "--method",
-        "imported:label=left,dir=left,crop=sidecar",
-    ];
+    let left = words("--limit 2 --method imported:label=left,dir=left,crop=sidecar");
     run(dir, "b", &left).ends_with(4);
     let found = scores(dir, "b");
     assert!(found["left"][0]["reason"].contains("not inside the target, 96x72"));

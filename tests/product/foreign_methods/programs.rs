@@ -149,12 +149,7 @@ fn a_program_may_serve_one_pair_only() {
 #[test]
 fn programs_that_are_not_there_fail_pair_by_pair() {
     let dir = tempfile::tempdir().unwrap();
-    let method = [
-        "--method",
-        "command:run=no-such-program-here",
-        "--limit",
-        "2",
-    ];
+    let method = words("--method command:run=no-such-program-here --limit 2");
     run(dir.path(), "r", &method).ends_with(4);
     for row in &scores(dir.path(), "r")["command"] {
         assert!(

@@ -16,12 +16,7 @@ fn the_best_of_several_scales_is_chosen_by_dists_and_said() {
             save(dir, &format!("scales/{scale}"), id, &image);
         }
     }
-    let sweep = [
-        "--limit",
-        "2",
-        "--method",
-        "imported:label=lvsm,dir=scales,scales=0.5+1+2",
-    ];
+    let sweep = words("--limit 2 --method imported:label=lvsm,dir=scales,scales=0.5+1+2");
     run(dir, "r", &sweep).is_usage_error_with(&["--scale-sweep"]);
     let args = [&sweep[..], &["--scale-sweep"]].concat();
     let said = run(dir, "r", &args).ends_with(0);

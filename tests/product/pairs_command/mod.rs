@@ -5,7 +5,7 @@ mod exports;
 mod lists;
 mod overlap;
 
-use crate::support::{Said, read, sharp_bench};
+use crate::support::{Said, read, sharp_bench, words};
 use sharp_bench::export::camera_file::CameraFile;
 use sharp_datasets::DatasetSpec;
 use std::path::{Path, PathBuf};

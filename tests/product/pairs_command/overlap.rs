@@ -139,12 +139,7 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
         &["--pair-options", "overlap=given"],
         &["--overlap-depth DIR"],
     );
-    let both = [
-        "--overlap-depth",
-        "mono",
-        "--pair-options",
-        "overlap=sparse",
-    ];
+    let both = words("--overlap-depth mono --pair-options overlap=sparse");
     wrong(&both, &["does not take"]);
 }
 
@@ -191,12 +186,7 @@ fn a_checkpoint_decides_overlap_and_is_not_judged_on_its_own_choice() {
     ];
     sharp_bench(dir.path(), &run).is_error_with(&["checkpoint of method 'sharp'"]);
     // Without the official file, no other checkpoint is used instead.
-    let absent = [
-        "--pair-options",
-        "overlap=sharp-release",
-        "--overlap-checkpoint",
-        "no.pt",
-    ];
+    let absent = words("--pair-options overlap=sharp-release --overlap-checkpoint no.pt");
     build(dir.path(), "q.csv", &absent).is_error_with(&["no.pt"]);
     let useless = ["--overlap-checkpoint", model.as_str()];
     build(dir.path(), "q.csv", &useless).is_error_with(&["overlap=sharp-release"]);

@@ -6,7 +6,7 @@ mod rules;
 mod views;
 
 use crate::render_scene::{SIZE, folder, gaussians, write};
-use crate::support::{Said, read, sharp_bench};
+use crate::support::{Said, read, sharp_bench, words};
 use image::{DynamicImage, RgbImage};
 use std::f64::consts::TAU;
 use std::path::Path;

@@ -77,17 +77,7 @@ fn the_four_paths_are_the_releases() {
 fn frames_go_into_a_folder_of_their_own() {
     let dir = folder();
     let dir = dir.path();
-    let args = [
-        "--trajectory",
-        "rotate",
-        "--frames",
-        "5",
-        "--depth",
-        "--write-cameras",
-        "--out",
-        "frames",
-        "--json",
-    ];
+    let args = words("--trajectory rotate --frames 5 --depth --write-cameras --out frames --json");
     let first = render(dir, &args).ends_with(0).json();
     assert_eq!(first["views"], 5);
     let frame = |k: usize| dir.join(format!("frames/frame-{k:05}.png"));
@@ -119,15 +109,8 @@ fn offsets_move_the_camera_along_its_own_axes() {
     let turned = r#"{"width":64,"height":48,"K":[60,0,32,0,60,24,0,0,1],
         "camera_from_world":[0,0,-1,0, 0,1,0,0, 1,0,0,0, 0,0,0,1]}"#;
     std::fs::write(dir.join("turned.json"), turned).unwrap();
-    let args = [
-        "--camera",
-        "turned.json",
-        "--offset-m",
-        "-0.1,0.2,0.3",
-        "--write-cameras",
-        "--out",
-        "moved.png",
-    ];
+    let args =
+        words("--camera turned.json --offset-m -0.1,0.2,0.3 --write-cameras --out moved.png");
     render(dir, &args).ends_with(0);
     let found = camera(&dir.join("moved.json"));
     let expected = [
@@ -137,14 +120,7 @@ fn offsets_move_the_camera_along_its_own_axes() {
         assert!((found - expected).abs() < 1e-15);
     }
 
-    let several = [
-        "--offset-m",
-        "0.1,0,0",
-        "--offset-m",
-        "0.2,0,0",
-        "--out",
-        "one.png",
-    ];
+    let several = words("--offset-m 0.1,0,0 --offset-m 0.2,0,0 --out one.png");
     render(dir, &several).is_error_with(&["one.png", "2"]);
 }
 
@@ -152,20 +128,10 @@ fn offsets_move_the_camera_along_its_own_axes() {
 fn gifs_of_colour_depth_and_alpha_lie_side_by_side() {
     let dir = folder();
     let dir = dir.path();
-    let args = [
-        "--trajectory",
-        "swipe",
-        "--frames",
-        "4",
-        "--fps",
-        "25",
-        "--depth",
-        "--alpha",
-        "--write-cameras",
-        "--out",
-        "swipe.gif",
-        "--json",
-    ];
+    let args = words(
+        "--trajectory swipe --frames 4 --fps 25 --depth --alpha --write-cameras --out swipe.gif \
+         --json",
+    );
     let json = render(dir, &args).ends_with(0).json();
     assert_eq!(
         json["files"],

@@ -96,14 +96,7 @@ fn what_cannot_be_rendered_is_one_line() {
     let behind = r#"{"width":8,"height":8,"K":[8,0,4,0,8,4,0,0,1],"camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,-9,0,0,0,1]}"#;
     std::fs::write(dir.join("behind.json"), behind).unwrap();
     fails(
-        &[
-            "--camera",
-            "behind.json",
-            "--trajectory",
-            "swipe",
-            "--out",
-            "f",
-        ],
+        &words("--camera behind.json --trajectory swipe --out f"),
         &["scene.ply", "in front"],
     );
     render(
@@ -133,17 +126,8 @@ fn adapters_that_are_not_there_and_a_missing_ffmpeg_are_said() {
     ];
     sharp_bench(dir, &absent).is_error_with(&["no such GPU", "found:"]);
     render(dir, &["--adapter", "any", "--out", "x.png"]).is_usage_error_with(&["--adapter", "cpu"]);
-    let run = [
-        "run",
-        "--dataset",
-        "S:synthetic=size=48x36,views=20",
-        "--method",
-        "copy",
-        "--metrics",
-        "psnr",
-        "--out",
-        "r",
-    ];
+    let run =
+        words("run --dataset S:synthetic=size=48x36,views=20 --method copy --metrics psnr --out r");
     let auto = [&run[..], &["--backend", "auto"]].concat();
     sharp_bench(dir, &auto).is_usage_error_with(&["--backend auto", "cpu or wgpu"]);
     let nowhere = [&run[..], &["--backend", "wgpu", "--adapter", "no such GPU"]].concat();
@@ -151,16 +135,7 @@ fn adapters_that_are_not_there_and_a_missing_ffmpeg_are_said() {
     assert!(!dir.join("r").exists());
 
     let said = std::process::Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
-        .args([
-            "render",
-            "scene.ply",
-            "--backend",
-            "cpu",
-            "--trajectory",
-            "swipe",
-            "--out",
-            "x.mp4",
-        ])
+        .args("render scene.ply --backend cpu --trajectory swipe --out x.mp4".split(' '))
         .current_dir(dir)
         .env("PATH", "")
         .output()

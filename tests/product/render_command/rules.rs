@@ -37,14 +37,7 @@ fn write_scene(dir: &Path) {
 }
 
 fn of_arrays(dir: &Path, more: &[&str]) -> Said {
-    let fixed = [
-        "render",
-        "scene.safetensors",
-        "--camera",
-        "cam.json",
-        "--backend",
-        "cpu",
-    ];
+    let fixed = words("render scene.safetensors --camera cam.json --backend cpu");
     sharp_bench(dir, &[&fixed, more].concat())
 }
 
@@ -103,14 +96,7 @@ fn harmonics_are_blended_as_encoded_values_over_the_background() {
     assert!((dc["rgb"][0] - 0.5 * 0.782_095).abs() < 1e-5, "{dc:?}");
     let near = ["--rendering", "inria,near=3", "--out", "near.safetensors"];
     of_arrays(dir, &near).ends_with(0);
-    let option = [
-        "--rendering",
-        "inria",
-        "--near",
-        "3",
-        "--out",
-        "option.safetensors",
-    ];
+    let option = words("--rendering inria --near 3 --out option.safetensors");
     of_arrays(dir, &option).ends_with(0);
     assert_eq!(middle(dir.join("near.safetensors"))["alpha"], [0.0]);
     assert_eq!(

@@ -6,14 +6,7 @@ use super::*;
 fn a_view_says_who_rendered_it_and_depth_and_alpha_lie_beside_it() {
     let dir = folder();
     let dir = dir.path();
-    let out = [
-        "--out",
-        "view.png",
-        "--depth",
-        "--alpha",
-        "--write-cameras",
-        "--json",
-    ];
+    let out = words("--out view.png --depth --alpha --write-cameras --json");
     let json = render(dir, &out).ends_with(0).json();
     assert_eq!(
         (json["width"].as_u64(), json["height"].as_u64()),
@@ -142,18 +135,7 @@ fn layers_are_halves_by_index_each_alone() {
     let all = gaussians();
     for layer in 0..2 {
         write(&dir.join("half.ply"), all.filtered(|k| k / 12 == layer));
-        sharp_bench(
-            dir,
-            &[
-                "render",
-                "half.ply",
-                "--backend",
-                "cpu",
-                "--out",
-                "half.png",
-            ],
-        )
-        .ends_with(0);
+        sharp_bench(dir, &words("render half.ply --backend cpu --out half.png")).ends_with(0);
         assert_eq!(
             bytes(dir.join("half.png")),
             bytes(dir.join(format!("view.layer{layer}.png")))
@@ -171,14 +153,7 @@ fn layers_are_halves_by_index_each_alone() {
 fn the_releases_screen_is_half_a_pixel_off_and_truncates() {
     let dir = folder();
     let dir = dir.path();
-    let args = [
-        "--release-screen",
-        "--background",
-        "0.5,0.5,0.5",
-        "--write-cameras",
-        "--out",
-        "release.png",
-    ];
+    let args = words("--release-screen --background 0.5,0.5,0.5 --write-cameras --out release.png");
     render(dir, &args).ends_with(0);
     let json: serde_json::Value = serde_json::from_str(&read(dir.join("release.json"))).unwrap();
     assert_eq!(
