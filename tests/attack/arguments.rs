@@ -2,6 +2,8 @@
 
 use std::sync::LazyLock;
 
+use sharp_tests::words;
+
 use super::case::{Case, Verdict};
 
 /// Option, value, and whether a run with them must have the same scores as a run without.
@@ -53,17 +55,11 @@ const OPTIONS: [(&str, &str, bool); 45] = [
     ("--pairs", "/dev/zero", false),
 ];
 
-const RUN: [&str; 5] = [
-    "run",
-    "--dataset",
-    "S:synthetic=size=32x24,views=4",
-    "--no-cache",
-    "--method",
-];
+const RUN: &str = "run --dataset S:synthetic=size=32x24,views=4 --no-cache --method";
 
 static SCORES: LazyLock<Result<String, String>> = LazyLock::new(|| {
     let mut case = Case::new("plain", 0);
-    let said = case.run(&[&RUN[..], &["copy", "--metrics", "psnr", "--out", "r"]].concat())?;
+    let said = case.run(&[words(RUN), words("copy --metrics psnr --out r")].concat())?;
     match said.code {
         0 => Ok(case.read("r/scores.csv")),
         _ => Err(said.err),
@@ -86,7 +82,7 @@ pub(crate) fn options(case: &mut Case) -> Result<Verdict, String> {
     for word in ["label", "metric", "S2", "scene", "dataset"] {
         case.may_name(word);
     }
-    let mut args: Vec<&str> = [&RUN[..], &["copy", "--out", "r"]].concat();
+    let mut args = [words(RUN), words("copy --out r")].concat();
     if option != "--metrics" {
         args.extend(["--metrics", "psnr"]);
     }

@@ -2,20 +2,13 @@
 
 use std::sync::LazyLock;
 
+use sharp_tests::words;
+
 use super::case::{Case, Verdict};
 use super::spoil;
 
-const RUN: [&str; 9] = [
-    "run",
-    "--dataset",
-    "S:synthetic=size=32x24,views=4,scenes=3",
-    "--metrics",
-    "psnr",
-    "--no-cache",
-    "--limit",
-    "9",
-    "--method",
-];
+const RUN: &str = "run --dataset S:synthetic=size=32x24,views=4,scenes=3 --metrics psnr --no-cache --limit 9 \
+     --method";
 
 const GATE: &str = "fail_if = [\"psnr < -0.5\", \"|psnr| > 9 on S\", \"psnr < -90 per scene\"]\nmissing_pairs = 0\n";
 
@@ -24,7 +17,7 @@ static WHOLE: LazyLock<Result<(Case, serde_json::Value), String>> = LazyLock::ne
     let mut case = Case::new("whole", 1);
     for (out, method) in [("a", "copy:label=m"), ("b", "mean:label=m")] {
         let bundle = format!("{out}.zip");
-        case.run(&[&RUN[..], &[method, "--out", out]].concat())?;
+        case.run(&[&words(RUN)[..], &[method, "--out", out]].concat())?;
         case.run(&["bundle", out, "--out", &bundle])?;
         case.run(&["history", "add", "h", out, "--date", "2026-01-01"])?;
     }
@@ -51,15 +44,8 @@ pub(crate) fn bundles(case: &mut Case) -> Result<Verdict, String> {
         .pick(&["b.zip", "b.zip", "h/0002.zip", "gate.toml"]);
     if name == "gate.toml" {
         spoil::file(case, name, spoil::text);
-        let args = [
-            "gate",
-            "--baseline",
-            "a.zip",
-            "--candidate",
-            "b.zip",
-            "--config",
-            name,
-        ];
+        let line = format!("gate --baseline a.zip --candidate b.zip --config {name}");
+        let args = words(&line);
         let said = case.run(&[&args[..], &["--json"]].concat())?;
         if !matches!(said.code, 0 | 3 | 5) {
             return Ok(Verdict::Error);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{LazyLock, Mutex};
 
-use sharp_tests::files_below;
+use sharp_tests::{files_below, words};
 
 use super::case::{Case, Verdict};
 use super::oracle::{Known, judge_run, psnr_of_files, rows};
@@ -90,26 +90,11 @@ fn evaluate(case: &mut Case, format: &str) -> Result<super::case::Said, String> 
     let (format, settings) = format.split_once(',').unwrap_or((format, ""));
     let comma = if settings.is_empty() { "" } else { "," };
     let spec = format!("D:{format}=data{comma}{settings}");
-    case.run(&[
-        "run",
-        "--dataset",
-        &spec,
-        "--method",
-        "copy",
-        "--method",
-        "depth-splat:resolution=64",
-        "--metrics",
-        "psnr",
-        "--pair-options",
-        "missing-depth=accept,threshold=0,at-threshold=in",
-        "--no-cache",
-        "--limit",
-        "2",
-        "--threads",
-        "1",
-        "--out",
-        "r",
-    ])
+    case.run(&words(&format!(
+        "run --dataset {spec} --method copy --method depth-splat:resolution=64 --metrics psnr \
+         --pair-options missing-depth=accept,threshold=0,at-threshold=in --no-cache --limit 2 \
+         --threads 1 --out r",
+    )))
 }
 
 /// Scores of the undamaged datasets.

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
+use sharp_tests::words;
+
 use super::case::{Case, Verdict};
 use super::oracle::{Known, judge_run, rows, same};
 use super::spoil;
@@ -15,20 +17,10 @@ type Copies = BTreeMap<(String, String), f64>;
 /// PSNR of a copy for every ordered pair, computed from the dataset's pictures.
 static COPIES: LazyLock<Result<Copies, String>> = LazyLock::new(|| {
     let mut case = Case::new("copies", 0);
-    let said = case.run(&[
-        "run",
-        "--dataset",
-        DATASET,
-        "--metrics",
-        "psnr",
-        "--no-cache",
-        "--method",
-        "target",
-        "--pair-options",
-        "threshold=0,at-threshold=in",
-        "--out",
-        "r",
-    ])?;
+    let said = case.run(&words(&format!(
+        "run --dataset {DATASET} --metrics psnr --no-cache --method target \
+         --pair-options threshold=0,at-threshold=in --out r",
+    )))?;
     if said.code != 0 {
         return Err(said.err);
     }
@@ -62,14 +54,9 @@ fn copies(row: &BTreeMap<String, String>) -> Known {
 }
 
 pub(crate) fn pairs(case: &mut Case) -> Result<Verdict, String> {
-    let said = case.run(&[
-        "pairs",
-        "--dataset",
-        DATASET,
-        "--no-cache",
-        "--out",
-        "p.csv",
-    ])?;
+    let said = case.run(&words(&format!(
+        "pairs --dataset {DATASET} --no-cache --out p.csv"
+    )))?;
     if said.code != 0 {
         return Err(said.err);
     }
@@ -88,19 +75,9 @@ pub(crate) fn pairs(case: &mut Case) -> Result<Verdict, String> {
             _ => Verdict::Error,
         });
     }
-    let said = case.run(&[
-        "run",
-        "--dataset",
-        DATASET,
-        "--metrics",
-        "psnr",
-        "--method",
-        "copy",
-        "--pairs",
-        "p.csv",
-        "--out",
-        "r",
-    ])?;
+    let said = case.run(&words(&format!(
+        "run --dataset {DATASET} --metrics psnr --method copy --pairs p.csv --out r",
+    )))?;
     let verdict = judge_run(case, &said, "r", &copies)?;
     if said.code != 0 {
         return Ok(verdict);

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use sharp_tests::words;
+
 use super::case::{Case, Verdict, is_obeyed};
 use super::oracle::{Known, judge_run, pixels, psnr, rows};
 
@@ -46,14 +48,7 @@ pub(crate) fn names(case: &mut Case) -> Result<Verdict, String> {
         case.write(&format!("data/{name}/im1.png"), "no picture");
     }
     case.note(format!("a scene {name:?}, broken: {broken}"), "im1.png");
-    let dataset = [
-        "--dataset",
-        "D:middlebury=data",
-        "--metrics",
-        "psnr",
-        "--method",
-        "copy",
-    ];
+    let dataset = words("--dataset D:middlebury=data --metrics psnr --method copy");
     let said = case.run(&[&["run"], &dataset[..], &["--out", "r"]].concat())?;
     let expected = psnr(
         &pixels(&edge.join("im0.png")).unwrap(),

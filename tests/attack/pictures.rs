@@ -3,6 +3,7 @@
 use exr::prelude::write_rgb_file;
 use image::{ImageFormat, Rgb, RgbImage};
 use sharp_tests::mutants::Random;
+use sharp_tests::words;
 
 use super::case::{Case, Verdict};
 use super::oracle::{Known, judge_run, pixels, psnr, rows, same};
@@ -122,16 +123,8 @@ pub(crate) fn metrics(case: &mut Case) -> Result<Verdict, String> {
         &name
     };
     let harmless = spoil::file(case, spoilt, spoil::binary);
-    let mut args = vec![
-        "metrics",
-        &name,
-        "b.png",
-        "--metrics",
-        "psnr",
-        "--json",
-        "--csv",
-        "s.csv",
-    ];
+    let line = format!("metrics {name} b.png --metrics psnr --json --csv s.csv");
+    let mut args = words(&line);
     if spoilt == "mask.png" {
         args.extend(["--mask", "mask.png"]);
     }
@@ -171,19 +164,11 @@ pub(crate) fn metrics(case: &mut Case) -> Result<Verdict, String> {
 }
 
 /// The four pairs of the procedural scene that have predictions.
-const RUN: [&str; 8] = [
-    "run",
-    "--dataset",
-    "S:synthetic=size=32x24,views=4",
-    "--metrics",
-    "psnr",
-    "--no-cache",
-    "--limit",
-    "4",
-];
+const RUN: &str =
+    "run --dataset S:synthetic=size=32x24,views=4 --metrics psnr --no-cache --limit 4";
 
 pub(crate) fn predictions(case: &mut Case) -> Result<Verdict, String> {
-    let truth = case.run(&[&RUN[..], &["--method", "target", "--out", "t"]].concat())?;
+    let truth = case.run(&[&words(RUN)[..], &["--method", "target", "--out", "t"]].concat())?;
     if truth.code != 0 {
         return Err(truth.err);
     }
@@ -231,7 +216,7 @@ pub(crate) fn predictions(case: &mut Case) -> Result<Verdict, String> {
     } else {
         "imported:dir=mine"
     };
-    let said = case.run(&[&RUN[..], &["--method", method, "--out", "r"]].concat())?;
+    let said = case.run(&[&words(RUN)[..], &["--method", method, "--out", "r"]].concat())?;
     judge_run(case, &said, "r", &|row| {
         let (id, name, before, image, target) =
             made.iter().find(|made| made.0 == row["pair_id"]).unwrap();

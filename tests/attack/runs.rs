@@ -3,29 +3,19 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
+use sharp_tests::words;
+
 use super::case::{Case, Verdict};
 use super::oracle::rows;
 use super::spoil;
 
-const RUN: [&str; 12] = [
-    "run",
-    "--dataset",
-    "S:synthetic=size=32x24,views=4",
-    "--metrics",
-    "psnr",
-    "--no-cache",
-    "--limit",
-    "5",
-    "--method",
-    "copy",
-    "--method",
-    "mean",
-];
+const RUN: &str = "run --dataset S:synthetic=size=32x24,views=4 --metrics psnr --no-cache --limit 5 \
+     --method copy --method mean";
 
 /// A finished run: its folder and scores.
 static WHOLE: LazyLock<Result<(Case, String), String>> = LazyLock::new(|| {
     let mut case = Case::new("whole", 0);
-    let said = case.run(&[&RUN[..], &["--out", "r"]].concat())?;
+    let said = case.run(&[&words(RUN)[..], &["--out", "r"]].concat())?;
     let report = case.run(&["report", "r"])?;
     match (said.code, report.code) {
         (0, 0) => {
@@ -89,7 +79,7 @@ pub(crate) fn runs(case: &mut Case) -> Result<Verdict, String> {
     case.may_name("r:");
     match case.random.below(4) {
         0 => {
-            let said = case.run(&[&RUN[..], &["--out", "r"]].concat())?;
+            let said = case.run(&[&words(RUN)[..], &["--out", "r"]].concat())?;
             if harmless && said.code == 1 {
                 // A file with an unchanged meaning may still be refused, for example because of a byte order mark.
                 return Ok(Verdict::Error);

@@ -5,7 +5,7 @@ use std::path::Path;
 use sharp::camera::Intrinsics;
 use sharp::gaussians::Gaussians;
 use sharp::ply::{GaussianScene, PlyForm, to_bytes};
-use sharp_tests::hostile_checkpoints;
+use sharp_tests::{hostile_checkpoints, words};
 
 use super::case::{Case, Verdict};
 use super::spoil;
@@ -33,15 +33,7 @@ fn put(case: &Case) {
 fn render(case: &mut Case, more: &[&str]) -> Result<super::case::Said, String> {
     case.run(
         &[
-            &[
-                "render",
-                "s.ply",
-                "--backend",
-                "cpu",
-                "--out",
-                "x.png",
-                "--json",
-            ],
+            &words("render s.ply --backend cpu --out x.png --json"),
             more,
         ]
         .concat(),

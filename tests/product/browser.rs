@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 
 use base64::Engine as _;
 use libtest_mimic::{Arguments, Trial};
-use support::{read, sharp_bench};
+use support::{read, sharp_bench, words};
 
 fn main() -> ExitCode {
     let arguments = Arguments::from_args();
@@ -119,24 +119,11 @@ fn done(browser: &str, page: &Path, script: &str) -> BTreeMap<String, String> {
 /// channel.
 fn run(dir: &Path, out: &str, resolution: &str) {
     let method = format!("depth-splat:resolution={resolution}");
-    let args = [
-        "run",
-        "--dataset",
-        "S:synthetic=size=48x36,views=20",
-        "--method",
-        &method,
-        "--method",
-        "copy",
-        "--metrics",
-        "psnr,ssim",
-        "--limit",
-        "30",
-        "--keep",
-        "float",
-        "--out",
-        out,
-    ];
-    sharp_bench(dir, &args).ends_with(0);
+    let line = format!(
+        "run --dataset S:synthetic=size=48x36,views=20 --method {method} --method copy \
+         --metrics psnr,ssim --limit 30 --keep float --out {out}",
+    );
+    sharp_bench(dir, &words(&line)).ends_with(0);
 }
 
 fn is(said: &BTreeMap<String, String>, expected: &[(&str, &str)]) {
@@ -329,14 +316,7 @@ fn gaussians(browser: &str) {
         (SCENE, vec![]),
         (
             VIEW_DEPENDENT,
-            vec![
-                "--camera",
-                "cam.json",
-                "--rendering",
-                "inria-aa",
-                "--background",
-                "1,0.5,0",
-            ],
+            words("--camera cam.json --rendering inria-aa --background 1,0.5,0"),
         ),
         (
             VIEW_DEPENDENT,

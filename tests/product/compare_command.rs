@@ -7,15 +7,8 @@ use crate::support::{Said, read, sharp_bench, words};
 const DATASET: &str = "S:synthetic=size=96x72,views=20";
 
 fn run(dir: &Path, out: &str, limit: &str, method: &str) {
-    let args = [
-        "run",
-        "--dataset",
-        DATASET,
-        "--limit",
-        limit,
-        "--metrics",
-        "psnr,ssim-gauss11-valid",
-    ];
+    let line = format!("run --dataset {DATASET} --limit {limit} --metrics psnr,ssim-gauss11-valid");
+    let args = words(&line);
     let args = [&args[..], &["--method", method, "--out", out]].concat();
     sharp_bench(dir, &args).ends_with(0);
 }
@@ -139,22 +132,11 @@ fn where_it_changed_is_told() {
     let dir = dir.path();
     for (out, resolution, keep) in [("a", 128, "all"), ("b", 32, "all"), ("bare", 32, "none")] {
         let method = format!("depth-splat:label=splat,resolution={resolution}");
-        let args = [
-            "run",
-            "--dataset",
-            DATASET,
-            "--limit",
-            "6",
-            "--metrics",
-            "psnr,ssim,dists",
-            "--method",
-            &method,
-            "--keep",
-            keep,
-            "--out",
-            out,
-        ];
-        sharp_bench(dir, &args).ends_with(0);
+        let line = format!(
+            "run --dataset {DATASET} --limit 6 --metrics psnr,ssim,dists --method {method} \
+             --keep {keep} --out {out}",
+        );
+        sharp_bench(dir, &words(&line)).ends_with(0);
     }
     let said = compare(dir, &["a", "b", "--anatomy", "--out", "page", "--json"]).ends_with(0);
     assert!(
@@ -284,17 +266,8 @@ fn what_was_lost_or_damaged_is_named() {
         |name: &str, seed: u32| format!("{name}:synthetic=size=48x36,views=6,scenes=3,seed={seed}");
     let evaluate = |out: &str, method: &str| {
         let (s, t) = (scenes("S", 0), scenes("T", 9));
-        let args = [
-            "run",
-            "--dataset",
-            &s,
-            "--dataset",
-            &t,
-            "--limit",
-            "12",
-            "--metrics",
-            "psnr",
-        ];
+        let line = format!("run --dataset {s} --dataset {t} --limit 12 --metrics psnr");
+        let args = words(&line);
         sharp_bench(
             dir,
             &[&args[..], &["--method", method, "--out", out]].concat(),

@@ -157,20 +157,11 @@ fn evaluate(adapter: &str) {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let run = |out: &str, more: &[&str]| {
-        let args = [
-            "run",
-            "--dataset",
-            "S:synthetic=size=48x36,views=20",
-            "--method",
-            "depth-splat:resolution=64",
-            "--metrics",
-            "psnr",
-            "--limit",
-            "2",
-            "--json",
-            "--out",
-            out,
-        ];
+        let line = format!(
+            "run --dataset S:synthetic=size=48x36,views=20 --method depth-splat:resolution=64 \
+             --metrics psnr --limit 2 --json --out {out}",
+        );
+        let args = words(&line);
         sharp_bench(dir, &[&args[..], more].concat())
     };
     let wgpu = ["--backend", "wgpu", "--adapter", short(adapter)];

@@ -10,7 +10,7 @@ use sharp_bench::evaluate::record::Score;
 use sharp_bench::evaluate::{Results, RunFolder};
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 
-use crate::support::{Said, read, sharp_bench};
+use crate::support::{Said, read, sharp_bench, words};
 
 const SCENES: u64 = 8;
 const VIEWS: usize = 6;
@@ -286,15 +286,8 @@ fn the_same_code_twice_is_the_same_to_the_byte() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     for (out, threads) in [("one", "1"), ("two", "2")] {
-        let more = [
-            "--method",
-            "copy",
-            "--method",
-            "depth-splat:resolution=64",
-            "--threads",
-            threads,
-        ];
-        run(dir, out, "psnr,lpips", &more).ends_with(0);
+        let line = format!("--method copy --method depth-splat:resolution=64 --threads {threads}");
+        run(dir, out, "psnr,lpips", &words(&line)).ends_with(0);
         sharp_bench(dir, &["bundle", out, "--out", &format!("{out}.zip")]).ends_with(0);
     }
     let bytes = |name: &str| std::fs::read(dir.join(name)).unwrap();

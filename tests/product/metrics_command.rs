@@ -83,15 +83,8 @@ fn folders_are_matched_by_stem_and_averaged() {
 fn metrics_without_weights_are_an_error_by_name_and_listed_within_a_group() {
     let dir = folder();
     let run = |metrics| {
-        let args = [
-            "metrics",
-            "p/a.png",
-            "t/a.png",
-            "--metrics",
-            metrics,
-            "--json",
-        ];
-        sharp_bench(dir.path(), &args)
+        let line = format!("metrics p/a.png t/a.png --metrics {metrics} --json");
+        sharp_bench(dir.path(), &words(&line))
     };
     let key = "lpips[squeeze,v0.1]";
     run("lpips-squeeze").is_error_with(&[key, "--weights squeezenet1_1="]);

@@ -18,13 +18,8 @@ fn run(dir: &Path, more: &[&str]) -> Said {
 /// Writes a list in the other project's format, with two targets for one source in each scene, and
 /// imports it.
 fn import(dir: &Path) {
-    let args = [
-        "pairs",
-        "--dataset",
-        DATASET,
-        "--pair-options",
-        "threshold=0",
-    ];
+    let line = format!("pairs --dataset {DATASET} --pair-options threshold=0");
+    let args = words(&line);
     sharp_bench(dir, &[&args[..], &["--out", "all.csv"]].concat()).ends_with(0);
     let list = read(dir.join("all.csv"));
     let scenes: std::collections::BTreeSet<&str> = list

@@ -25,17 +25,9 @@ fn column(rows: &[Vec<String>], name: &str) -> usize {
 }
 
 fn run(dir: &Path, out: &str, more: &[&str]) -> crate::support::Said {
-    let mut args = vec![
-        "run",
-        "--dataset",
-        DATASET,
-        "--limit",
-        "4",
-        "--metrics",
-        "psnr,ssim-gauss11-valid",
-        "--out",
-        out,
-    ];
+    let line =
+        format!("run --dataset {DATASET} --limit 4 --metrics psnr,ssim-gauss11-valid --out {out}",);
+    let mut args = words(&line);
     args.extend(more);
     sharp_bench(dir, &args)
 }
@@ -44,18 +36,9 @@ fn run(dir: &Path, out: &str, more: &[&str]) -> crate::support::Said {
 fn scores_have_the_promised_columns_and_the_target_is_perfect() {
     let dir = tempfile::tempdir().unwrap();
     let methods = words("--method target --method copy --method depth-splat");
-    let args = [
-        "run",
-        "--dataset",
-        DATASET,
-        "--limit",
-        "4",
-        "--out",
-        "r",
-        "--metrics",
-    ];
-    let metrics = ["psnr,ssim-gauss11-valid"];
-    sharp_bench(dir.path(), &[&args[..], &metrics, &methods].concat()).ends_with(0);
+    let line =
+        format!("run --dataset {DATASET} --limit 4 --out r --metrics psnr,ssim-gauss11-valid");
+    sharp_bench(dir.path(), &[words(&line), methods].concat()).ends_with(0);
     let rows = rows(&dir.path().join("r/scores.csv"));
     assert_eq!(
         rows[0][..13].join(","),
@@ -348,18 +331,8 @@ fn what_cannot_work_is_one_line() {
     ] {
         run(dir.path(), "r", &args).is_usage_error_with(&parts);
     }
-    let below = [
-        "run",
-        "--dataset",
-        DATASET,
-        "--method",
-        "copy",
-        "--limit",
-        "-1",
-        "--out",
-        "r",
-    ];
-    sharp_bench(dir.path(), &below).is_usage_error_with(&["--limit"]);
+    let line = format!("run --dataset {DATASET} --method copy --limit -1 --out r");
+    sharp_bench(dir.path(), &words(&line)).is_usage_error_with(&["--limit"]);
     run(dir.path(), "r", &["--method", "imported:dir=nowhere"]).is_error_with(&["nowhere"]);
     run(dir.path(), "r", &["--method", "magic"]).is_usage_error_with(&["magic", "depth-splat"]);
     run(dir.path(), "full", &["--method", "copy"]).is_error_with(&["full", "other files"]);
@@ -373,15 +346,8 @@ fn what_cannot_work_is_one_line() {
 #[test]
 fn an_estimate_and_a_count_write_nothing() {
     let dir = tempfile::tempdir().unwrap();
-    let args = [
-        "run",
-        "--dataset",
-        DATASET,
-        "--method",
-        "copy",
-        "--method",
-        "depth-splat:resolution=256",
-    ];
+    let line = format!("run --dataset {DATASET} --method copy --method depth-splat:resolution=256");
+    let args = words(&line);
     let with = |more: &[&str]| sharp_bench(dir.path(), &[&args[..], more].concat());
     let count = with(&["--dry-run", "--json"]).ends_with(0).json();
     assert_eq!(count["units"]["missing"], count["units"]["units"]);

@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+pub(crate) use sharp_tests::words;
+
 /// The outcome of a command.
 pub(crate) struct Said {
     /// Exit code.
@@ -76,11 +78,6 @@ pub(crate) fn ascii_ply(rows: &[[f32; 14]]) -> String {
         let _ = writeln!(text, "{}", row.join(" "));
     }
     text
-}
-
-/// The arguments of a command line, without the program's name; none contains a space.
-pub(crate) fn words(line: &str) -> Vec<&str> {
-    line.split(' ').collect()
 }
 
 /// Runs `sharp-bench` in a folder without access to the user's files: no cache of overlaps, no

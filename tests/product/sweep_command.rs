@@ -246,19 +246,11 @@ fn the_depth_beside_a_failure_is_that_of_the_rendering() {
         std::fs::write(file, ascii_ply(&rows)).unwrap();
     }
     let dataset = "S:synthetic=sweep=translation,size=48x36,views=4,scenes=1";
-    let run = [
-        "run",
-        "--dataset",
-        dataset,
-        "--method",
-        "gaussians:dir=g,color_space=srgb",
-        "--metrics",
-        "psnr",
-        "--limit",
-        "1",
-        "--out",
-        "run",
-    ];
+    let line = format!(
+        "run --dataset {dataset} --method gaussians:dir=g,color_space=srgb --metrics psnr \
+         --limit 1 --out run",
+    );
+    let run = words(&line);
     sharp_bench(dir.path(), &[&run[..], &["--keep", "float"]].concat()).ends_with(0);
     let figure = words("figure failure run --methods gaussians --out f");
     sharp_bench(dir.path(), &figure).ends_with(0);

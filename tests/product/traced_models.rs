@@ -178,16 +178,11 @@ fn two_models_of_one_file_name_share_no_number() {
         format!("sharp:label={label},checkpoint={folder}/model.safetensors,config={config}")
     };
     let evaluated = |out: &str, methods: &[String]| {
-        let what = [
-            "run",
-            "--dataset=S:synthetic=size=96x72,views=20",
-            "--limit=2",
-            "--metrics=psnr",
-            "--keep-gaussians",
-            "--json",
-            "--out",
-            out,
-        ];
+        let line = format!(
+            "run --dataset=S:synthetic=size=96x72,views=20 --limit=2 --metrics=psnr \
+             --keep-gaussians --json --out {out}",
+        );
+        let what = words(&line);
         let methods = methods.iter().flat_map(|method| ["--method", method]);
         let args: Vec<&str> = what.into_iter().chain(methods).collect();
         let json = run(dir, &args).ends_with(0).json();

@@ -26,3 +26,8 @@ pub fn files_below(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     found.sort();
     Ok(found)
 }
+
+/// The arguments of a command line, without the program's name; none contains a space.
+pub fn words(line: &str) -> Vec<&str> {
+    line.split(' ').collect()
+}

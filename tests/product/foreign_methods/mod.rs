@@ -13,15 +13,8 @@ use std::path::Path;
 const DATASET: &str = "S:synthetic=size=96x72,views=12";
 
 fn run(dir: &Path, out: &str, more: &[&str]) -> Said {
-    let args = [
-        "run",
-        "--dataset",
-        DATASET,
-        "--metrics",
-        "psnr",
-        "--out",
-        out,
-    ];
+    let line = format!("run --dataset {DATASET} --metrics psnr --out {out}");
+    let args = words(&line);
     sharp_bench(dir, &[&args[..], more].concat())
 }
 

@@ -137,12 +137,9 @@ fn cropped_pictures_are_scored_on_the_equally_cropped_truth() {
         .filter(|a| *a != "imported:label=own,dir=square,crop=center")
         .collect();
     let mut args: Vec<&str> = common[..common.len() - 3].to_vec();
-    args.extend([
-        "--method",
-        "imported:label=left,dir=left,crop=sidecar",
-        "--method",
-        "copy",
-    ]);
+    args.extend(words(
+        "--method imported:label=left,dir=left,crop=sidecar --method copy",
+    ));
     run(dir, "c", &[&args[..], &["--common-region"]].concat()).ends_with(0);
     let found = scores(dir, "c");
     for rows in found.values() {

@@ -188,15 +188,7 @@ fn nothing_that_a_program_started_outlives_a_run_that_is_ended() {
         let script = "sleep 1000 & echo $! > pid.new; mv pid.new pid; wait";
         std::fs::write(dir.path().join("my.sh"), script).unwrap();
         let mut run = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
-            .args([
-                "run",
-                "--dataset",
-                DATASET,
-                "--metrics",
-                "psnr",
-                "--out",
-                "r",
-            ])
+            .args(format!("run --dataset {DATASET} --metrics psnr --out r").split(' '))
             .args(["--method", "command:run='sh my.sh; true'"])
             .current_dir(dir.path())
             .stdout(Stdio::null())

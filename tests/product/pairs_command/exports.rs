@@ -7,19 +7,9 @@ fn exported_pairs_are_what_is_scored() {
     let dir = tempfile::tempdir().unwrap();
     build(dir.path(), "p.csv", &[]).ends_with(0);
     let export = |more: &[&str]| {
-        let args = [
-            "pairs",
-            "export",
-            "--pairs",
-            "p.csv",
-            "--dataset",
-            SYNTHETIC,
-            "--limit",
-            "3",
-            "--out",
-            "e",
-            "--json",
-        ];
+        let line =
+            format!("pairs export --pairs p.csv --dataset {SYNTHETIC} --limit 3 --out e --json",);
+        let args = words(&line);
         sharp_bench(dir.path(), &[&args[..], more].concat())
     };
     let json = export(&[]).ends_with(0).json();
@@ -52,24 +42,11 @@ fn exported_pairs_are_what_is_scored() {
         std::fs::create_dir_all(to.parent().unwrap()).unwrap();
         std::fs::copy(dir.path().join("e").join(id).join("source.png"), to).unwrap();
     }
-    let run = [
-        "run",
-        "--dataset",
-        SYNTHETIC,
-        "--pairs",
-        "p.csv",
-        "--limit",
-        "3",
-        "--metrics",
-        "psnr",
-        "--method",
-        "copy",
-        "--method",
-        "imported:label=mine,dir=predictions",
-        "--out",
-        "r",
-    ];
-    sharp_bench(dir.path(), &run).ends_with(0);
+    let line = format!(
+        "run --dataset {SYNTHETIC} --pairs p.csv --limit 3 --metrics psnr --method copy \
+         --method imported:label=mine,dir=predictions --out r",
+    );
+    sharp_bench(dir.path(), &words(&line)).ends_with(0);
     let scores = read(dir.path().join("r/scores.csv"));
     let psnr = |method: &str| -> Vec<&str> {
         let rows = scores.lines().filter(|l| l.contains(method));
@@ -129,15 +106,8 @@ fn exports_that_cannot_work_say_why() {
 #[test]
 fn views_are_exported_with_their_cameras() {
     let dir = tempfile::tempdir().unwrap();
-    let args = [
-        "cameras",
-        "export",
-        "--dataset",
-        SYNTHETIC,
-        "--out",
-        "v",
-        "--json",
-    ];
+    let line = format!("cameras export --dataset {SYNTHETIC} --out v --json");
+    let args = words(&line);
     let json = sharp_bench(dir.path(), &args).ends_with(0).json();
     assert_eq!((&json["views"], &json["written"]), (&12.into(), &12.into()));
     assert_eq!(sharp_bench(dir.path(), &args).json()["kept"], 12);
@@ -197,16 +167,8 @@ fn cameras_of_a_scale_sweep_are_exported() {
     let dir = tempfile::tempdir().unwrap();
     build(dir.path(), "p.csv", &[]).ends_with(0);
     let export = |scales: &str| {
-        let args = [
-            "pairs",
-            "export",
-            "--pairs",
-            "p.csv",
-            "--dataset",
-            SYNTHETIC,
-            "--limit",
-            "1",
-        ];
+        let line = format!("pairs export --pairs p.csv --dataset {SYNTHETIC} --limit 1");
+        let args = words(&line);
         let more = ["--out", "e", "--json", "--scales", scales];
         sharp_bench(dir.path(), &[&args[..], &more].concat())
     };

@@ -162,15 +162,8 @@ fn an_empty_list_says_why() {
     let more = ["--pair-options", "threshold=2", "--json"];
     let json = build(dir.path(), "p.csv", &more).ends_with(4).json();
     assert_eq!(json["warnings"].as_array().unwrap().len(), 1);
-    let run = [
-        "run",
-        "--dataset",
-        SYNTHETIC,
-        "--method",
-        "copy",
-        "--metrics",
-        "psnr",
-    ];
+    let line = format!("run --dataset {SYNTHETIC} --method copy --metrics psnr");
+    let run = words(&line);
     let run = [
         &run[..],
         &["--pair-options", "min-baseline=9", "--out", "r"],
@@ -265,17 +258,8 @@ fn a_list_with_other_bytes_is_copied_as_it_is() {
     assert_eq!(again["manifest"]["pairs"], pairs);
     assert_eq!(pairs["sha256"], hash("r/pairs.csv"));
     // An export copies the list unchanged, too.
-    let export = [
-        "pairs",
-        "export",
-        "--pairs",
-        "other.csv",
-        "--dataset",
-        SYNTHETIC,
-        "--out",
-        "e",
-        "--json",
-    ];
+    let line = format!("pairs export --pairs other.csv --dataset {SYNTHETIC} --out e --json");
+    let export = words(&line);
     let export = sharp_bench(dir, &export).ends_with(0).json();
     assert_eq!(export["sha256"], hash("e/pairs.csv"));
 }

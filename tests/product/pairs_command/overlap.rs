@@ -53,20 +53,9 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
     let dir = tempfile::tempdir().unwrap();
     build(dir.path(), "truth.csv", &["--no-cache"]).ends_with(0);
     // The true depth in another unit, like a prediction of the right shape.
-    let export = [
-        "pairs",
-        "export",
-        "--pairs",
-        "truth.csv",
-        "--all",
-        "--dataset",
-        SYNTHETIC,
-        "--out",
-        "e",
-        "--with",
-        "depth",
-    ];
-    sharp_bench(dir.path(), &export).ends_with(0);
+    let line =
+        format!("pairs export --pairs truth.csv --all --dataset {SYNTHETIC} --out e --with depth",);
+    sharp_bench(dir.path(), &words(&line)).ends_with(0);
     let list = read(dir.path().join("truth.csv"));
     for line in list.lines().skip(1) {
         let id = line.split(',').next().unwrap();
