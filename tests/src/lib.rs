@@ -31,3 +31,11 @@ pub fn files_below(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
 pub fn words(line: &str) -> Vec<&str> {
     line.split(' ').collect()
 }
+
+/// The rows of a table: one on each line, with cells separated by `|`.
+pub fn rows<const N: usize>(table: &str) -> impl Iterator<Item = [&str; N]> {
+    table.lines().map(|line| {
+        let mut cells = line.split('|').map(str::trim);
+        std::array::from_fn(|_| cells.next().unwrap_or_default())
+    })
+}

@@ -14,8 +14,8 @@ mod speed_scene;
 
 use libtest_mimic::{Arguments, Trial};
 use render_support::random::{self, Random, Recipe};
-use render_support::{CASES, Golden, reference};
-use sharp::gaussians::{Gaussians, Harmonics};
+use render_support::{CASES, Golden, drops, reference};
+use sharp::gaussians::Gaussians;
 use sharp::render::{
     CpuRenderer, GpuAdapter, GpuRenderer, RenderError, RenderOutput, RenderView, Renderer, TileSize,
 };
@@ -215,25 +215,7 @@ fn degenerate(adapter: &GpuAdapter) {
         opacities: (0.0, 1.0),
     };
     let mut scene = random::scene(&mut Random(10), recipe);
-    for k in 0..scene.len() {
-        let extreme = [
-            0.0,
-            1e-45,
-            1e-20,
-            1e20,
-            f32::MAX,
-            -1e20,
-            f32::NAN,
-            f32::INFINITY,
-        ][k / 14 % 8];
-        match k % 14 {
-            d @ 0..3 => scene.means[k][d] = extreme,
-            d @ 3..7 => scene.quaternions[k][d - 3] = extreme,
-            d @ 7..10 => scene.scales[k][d - 7] = extreme,
-            10 => scene.opacities[k] = extreme,
-            _ => (),
-        }
-    }
+    random::make_extreme(&mut scene);
     let found = renderer.render(&scene, &view).unwrap();
     assert!(found.rgb.iter().flatten().all(|v| v.is_finite()));
     assert!(found.alpha.iter().all(|v| (0.0..=0.9999).contains(v)));
@@ -247,59 +229,17 @@ fn degenerate(adapter: &GpuAdapter) {
     assert_eq!(behind.rgb, vec![[0.0; 3]; 3500]);
 }
 
-/// One Gaussian at or beyond each threshold: the counts agree, and a Gaussian at a threshold is kept.
 fn reasons(adapter: &GpuAdapter) {
     let mut renderer = GpuRenderer::new(adapter).unwrap();
-    let next_down = |x: f32| f32::from_bits(x.to_bits() - 1);
-    let next_up = |x: f32| f32::from_bits(x.to_bits() + 1);
-    type Change<'a> = (&'a str, bool, &'a dyn Fn(&mut Gaussians));
-    let at_depth = |s: &mut Gaussians, z: f32| {
-        s.means[0][2] = z;
-        s.scales[0] = [0.1 * z; 3];
-    };
-    let threshold = 1.0 / 255.0;
-    let changes: [Change<'_>; 21] = [
-        ("as it is", true, &|_| ()),
-        ("on the near plane", true, &|s| s.means[0][2] = 0.01),
-        ("before it", false, &|s| s.means[0][2] = next_down(0.01)),
-        ("at the eye", false, &|s| s.means[0][2] = 0.0),
-        ("behind", false, &|s| s.means[0][2] = -2.0),
-        ("on the far plane", true, &|s| at_depth(s, 1e10)),
-        ("beyond it", false, &|s| at_depth(s, next_up(1e10))),
-        ("opacity 1/255", true, &|s| s.opacities[0] = threshold),
-        ("less", false, &|s| s.opacities[0] = next_down(threshold)),
-        ("opacity 0", false, &|s| s.opacities[0] = 0.0),
-        ("opacity 1", true, &|s| s.opacities[0] = 1.0),
-        ("opacity NaN", false, &|s| s.opacities[0] = f32::NAN),
-        ("mean NaN", false, &|s| s.means[0][1] = f32::NAN),
-        ("mean infinite", false, &|s| s.means[0][0] = f32::INFINITY),
-        ("scale NaN", false, &|s| s.scales[0][2] = f32::NAN),
-        ("colour NaN", false, &|s| s.colors[0][2] = f32::NAN),
-        ("quaternion NaN", false, &|s| s.quaternions[0][3] = f32::NAN),
-        ("no quaternion", false, &|s| s.quaternions[0] = [0.0; 4]),
-        ("no size", false, &|s| s.scales[0] = [0.0; 3]),
-        ("to the right", false, &|s| s.means[0][0] = 10.0),
-        ("above", false, &|s| s.means[0][1] = -10.0),
-    ];
-    for (name, drawn, change) in changes {
-        let mut scene = Gaussians {
-            means: vec![[0.0, 0.0, 2.0]],
-            quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
-            scales: vec![[0.1; 3]],
-            opacities: vec![0.5],
-            colors: vec![[0.2, 0.5, 0.8]],
-            harmonics: Harmonics::default(),
-        };
-        change(&mut scene);
+    for (scene, dropped) in drops::scenes() {
         let view = random::view(16, 16);
         let found = renderer.render(&scene, &view).unwrap();
         let cpu = CpuRenderer::new().render(&scene, &view).unwrap();
-        assert_eq!(found.dropped, cpu.dropped, "{name}");
-        assert_eq!(found.drawn, u64::from(drawn), "{name}");
-        assert_eq!(found.drawn + found.dropped.total(), 1, "{name}");
+        assert_eq!(found.dropped, dropped, "{scene:?}");
+        assert_eq!(found.drawn + dropped.total(), 1, "{scene:?}");
         let seen = |output: &RenderOutput| output.alpha.iter().any(|a| *a > 0.0);
-        assert_eq!(seen(&found), seen(&cpu), "{name}");
-        assert!(drawn || !seen(&found), "{name}");
+        assert_eq!(seen(&found), seen(&cpu), "{scene:?}");
+        assert!(found.drawn == 1 || !seen(&found), "{scene:?}");
     }
 }
 

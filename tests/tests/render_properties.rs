@@ -9,28 +9,18 @@
 mod render_support;
 
 use glam::{DAffine3, DMat3, DVec3};
-use render_support::random::{Random, Recipe, movement, scene, view};
+use render_support::drops::{self, one};
+use render_support::random::{Random, Recipe, make_extreme, movement, scene, view};
 use render_support::reference;
 use sharp::camera::{Intrinsics, RigidTransform, target_camera_from_source_ndc};
-use sharp::gaussians::{Gaussians, Harmonics};
-use sharp::render::{CpuRenderer, Dropped, RenderError, RenderOutput, RenderView, Renderer};
+use sharp::gaussians::Gaussians;
+use sharp::render::{CpuRenderer, RenderError, RenderOutput, RenderView, Renderer};
 
 const COMMON: Recipe = Recipe {
     count: 300,
     scales: (0.004, 0.2),
     opacities: (0.0, 1.0),
 };
-
-fn one(mean: [f32; 3], scale: [f32; 3], opacity: f32) -> Gaussians {
-    Gaussians {
-        means: vec![mean],
-        quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
-        scales: vec![scale],
-        opacities: vec![opacity],
-        colors: vec![[0.2, 0.5, 0.8]],
-        harmonics: Harmonics::default(),
-    }
-}
 
 fn joined(a: &Gaussians, b: &Gaussians) -> Gaussians {
     let mut all = a.clone();
@@ -276,75 +266,15 @@ fn one_colour_stays_one_colour_and_alpha_stays_below_one() {
 
 #[test]
 fn every_reason_to_drop_is_counted_under_its_name() {
-    let good = || one([0.0, 0.0, 2.0], [0.1; 3], 0.5);
-    let with = |change: &dyn Fn(&mut Gaussians)| {
-        let mut scene = good();
-        change(&mut scene);
+    for (scene, dropped) in drops::scenes() {
         let found = render_cpu(&scene, &view(16, 16)).unwrap();
-        assert_eq!(found.drawn + found.dropped.total(), 1);
-        if found.dropped.total() == 1 {
+        assert_eq!(found.dropped, dropped, "{scene:?}");
+        assert_eq!(found.drawn + dropped.total(), 1);
+        if dropped.total() == 1 {
             assert!(found.alpha.iter().all(|a| *a == 0.0));
             assert!(found.rgb.iter().flatten().all(|c| *c == 0.0));
         }
-        found.dropped
-    };
-    let none = Dropped::default();
-    assert_eq!(with(&|_| ()), none);
-    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        let not_finite = Dropped {
-            not_finite: 1,
-            ..none
-        };
-        for d in 0..3 {
-            assert_eq!(with(&|s| s.means[0][d] = bad), not_finite);
-            assert_eq!(with(&|s| s.scales[0][d] = bad), not_finite);
-            assert_eq!(with(&|s| s.colors[0][d] = bad), not_finite);
-        }
-        for d in 0..4 {
-            assert_eq!(with(&|s| s.quaternions[0][d] = bad), not_finite);
-        }
-        assert_eq!(with(&|s| s.opacities[0] = bad), not_finite);
     }
-    let zero_quaternion = Dropped {
-        zero_quaternion: 1,
-        ..none
-    };
-    assert_eq!(with(&|s| s.quaternions[0] = [0.0; 4]), zero_quaternion);
-    // Gaussians exactly at the near or far plane are kept.
-    let near = Dropped { near: 1, ..none };
-    let below = f32::from_bits(0.01_f32.to_bits() - 1);
-    assert_eq!(with(&|s| s.means[0][2] = 0.01), none);
-    assert_eq!(with(&|s| s.means[0][2] = below), near);
-    assert_eq!(with(&|s| s.means[0][2] = 0.0), near);
-    assert_eq!(with(&|s| s.means[0][2] = -2.0), near);
-    let far = |s: &mut Gaussians, z: f32| {
-        s.means[0][2] = z;
-        s.scales[0] = [0.1 * z; 3];
-    };
-    let above = f32::from_bits(1e10_f32.to_bits() + 1);
-    assert_eq!(with(&|s| far(s, 1e10)), none);
-    assert_eq!(with(&|s| far(s, above)), Dropped { far: 1, ..none });
-    let degenerate = Dropped {
-        degenerate: 1,
-        ..none
-    };
-    assert_eq!(with(&|s| s.scales[0] = [0.0; 3]), degenerate);
-    // A rod without width is degenerate; a disc without thickness in depth is not.
-    assert_eq!(with(&|s| s.scales[0] = [0.1, 0.0, 0.0]), degenerate);
-    assert_eq!(with(&|s| s.scales[0] = [0.1, 0.1, 0.0]), none);
-    let transparent = Dropped {
-        transparent: 1,
-        ..none
-    };
-    let threshold = 1.0 / 255.0;
-    assert_eq!(with(&|s| s.opacities[0] = threshold), none);
-    let fainter = f32::from_bits(f32::to_bits(threshold) - 1);
-    assert_eq!(with(&|s| s.opacities[0] = fainter), transparent);
-    assert_eq!(with(&|s| s.opacities[0] = 0.0), transparent);
-    assert_eq!(with(&|s| s.opacities[0] = -1.0), transparent);
-    let outside = Dropped { outside: 1, ..none };
-    assert_eq!(with(&|s| s.means[0][0] = 10.0), outside);
-    assert_eq!(with(&|s| s.means[0][1] = -10.0), outside);
 }
 
 #[test]
@@ -403,20 +333,6 @@ fn nothing_to_draw_gives_an_empty_picture() {
 #[test]
 fn extreme_numbers_neither_panic_nor_spread() {
     let mut random = Random(10);
-    let extremes = [
-        0.0,
-        -0.0,
-        f32::MIN_POSITIVE,
-        1e-45,
-        1e-20,
-        1.0,
-        1e20,
-        f32::MAX,
-        -1e20,
-        f32::MIN,
-        f32::NAN,
-        f32::INFINITY,
-    ];
     let mut scene = scene(
         &mut random,
         Recipe {
@@ -424,17 +340,7 @@ fn extreme_numbers_neither_panic_nor_spread() {
             ..COMMON
         },
     );
-    for k in 0..scene.len() {
-        let extreme = extremes[k / 14 % extremes.len()];
-        match k % 14 {
-            d @ 0..3 => scene.means[k][d] = extreme,
-            d @ 3..7 => scene.quaternions[k][d - 3] = extreme,
-            d @ 7..10 => scene.scales[k][d - 7] = extreme,
-            10 => scene.opacities[k] = extreme,
-            // Colours may be any finite number; these stay small so that sums stay finite.
-            _ => (),
-        }
-    }
+    make_extreme(&mut scene);
     let found = render_cpu(&scene, &view(70, 50)).unwrap();
     assert!(found.rgb.iter().flatten().all(|v| v.is_finite()));
     assert!(found.alpha.iter().all(|v| (0.0..=0.9999).contains(v)));

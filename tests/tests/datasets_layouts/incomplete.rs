@@ -5,216 +5,51 @@ use std::path::Path;
 
 use sharp_datasets::check::check;
 use sharp_datasets::open_each;
+use sharp_tests::rows;
 
 use crate::multi_view::folder;
 use crate::small::{copy, twice};
 use crate::{left_out, refusal, spec, write};
 
-/// How a file or folder is damaged.
-enum Damage {
-    Removed,
-    Text(&'static str),
-}
-use Damage::{Removed, Text};
+/// Damaged scenes: the format with its settings, the file or folder in the second scene (without one, the scene
+/// itself), `removed` or its new text, the scene that is left out, and a part of the reason.
+const DAMAGED: &str = "\
+middlebury          | im0.png                          | removed      | B                    | there is no im0.png
+middlebury          | im1.png                          | removed      | B                    | there is no im1.png
+middlebury          | calib.txt                        | removed      | B                    | there is no calib.txt
+middlebury          | calib.txt                        | cam0         | B                    | calib.txt: the key 'cam0'
+booster             | camera_00                        | removed      | train/balanced/B     | camera_00
+booster             | camera_02                        | removed      | train/balanced/B     | camera_02
+booster             | camera_00/im0.png                | removed      | train/balanced/B/im0 | camera_00/im0.png
+booster             | camera_02/im0.png                | removed      | train/balanced/B/im0 | camera_02/im0.png
+booster             | calib_00-02.xml                  | removed      | train/balanced/B     | missing calib_00-02.xml
+booster             | calib_00-02.xml                  | <            | train/balanced/B/im0 | calib_00-02.xml
+scannetpp           |                                  | removed      | t                    | nvs_test.txt: lists scenes that do not exist
+scannetpp           | dslr                             | removed      | t                    | there is no dslr/
+scannetpp           | dslr/resized_images              | removed      | t                    | no usable picture
+scannetpp           | dslr/nerfstudio/transforms.json  | {            | t                    | transforms.json: not JSON
+scannetpp,split=all | dslr                             | removed      | t                    | there is no dslr/
+wildrgbd            |                                  | removed      | cup/scenes/scene_001 | nvs_list.json: lists scenes
+wildrgbd            | metadata                         | {}           | cup/scenes/scene_001 | metadata: 'K' is not
+wildrgbd            | cam_poses.txt                    | 0 1          | cup/scenes/scene_001 | cam_poses.txt
+wildrgbd            | rgb                              | removed      | cup/scenes/scene_001 | no usable picture
+tanks-and-temples   | Ignatius_COLMAP_SfM.log          | removed      | Ignatius             | Ignatius_COLMAP_SfM.log
+tanks-and-temples   | Ignatius_trans.txt               | removed      | Ignatius             | Ignatius_trans.txt
+tanks-and-temples   | Ignatius_trans.txt               | 1 0          | Ignatius             | Ignatius_trans.txt
+tanks-and-temples   | images                           | removed      | Ignatius             | no pictures of Ignatius
+eth3d               | dslr_calibration_jpg             | removed      | field                | set images=undistorted
+eth3d               | dslr_calibration_jpg/images.txt  | removed      | field                | no complete model
+eth3d               | dslr_calibration_jpg/cameras.txt | 0 PINHOLE 12 | field                | cameras.txt
+nerfstudio          | transforms.json                  | []           | b                    | transforms.json: the document
+colmap              | sparse/0/images.txt              | removed      | b                    | no complete model
+colmap              | sparse/0/cameras.txt             | removed      | b                    | no complete model
+colmap              | sparse/0/cameras.txt             | 1 PINHOLE x  | b                    | cameras.txt
+stereo              | rig.txt                          | removed      | q                    | rig.txt
+stereo              | right.png                        | removed      | q                    | no right.png";
 
 #[test]
 fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
-    for (format, file, damage, id, reason) in [
-        ("middlebury", "im0.png", Removed, "B", "there is no im0.png"),
-        ("middlebury", "im1.png", Removed, "B", "there is no im1.png"),
-        (
-            "middlebury",
-            "calib.txt",
-            Removed,
-            "B",
-            "there is no calib.txt",
-        ),
-        (
-            "middlebury",
-            "calib.txt",
-            Text("cam0"),
-            "B",
-            "calib.txt: the key 'cam0'",
-        ),
-        (
-            "booster",
-            "camera_00",
-            Removed,
-            "train/balanced/B",
-            "camera_00",
-        ),
-        (
-            "booster",
-            "camera_02",
-            Removed,
-            "train/balanced/B",
-            "camera_02",
-        ),
-        (
-            "booster",
-            "camera_00/im0.png",
-            Removed,
-            "train/balanced/B/im0",
-            "camera_00/im0.png",
-        ),
-        (
-            "booster",
-            "camera_02/im0.png",
-            Removed,
-            "train/balanced/B/im0",
-            "camera_02/im0.png",
-        ),
-        (
-            "booster",
-            "calib_00-02.xml",
-            Removed,
-            "train/balanced/B",
-            "missing calib_00-02.xml",
-        ),
-        (
-            "booster",
-            "calib_00-02.xml",
-            Text("<"),
-            "train/balanced/B/im0",
-            "calib_00-02.xml",
-        ),
-        (
-            "scannetpp",
-            "",
-            Removed,
-            "t",
-            "nvs_test.txt: lists scenes that do not exist",
-        ),
-        ("scannetpp", "dslr", Removed, "t", "there is no dslr/"),
-        (
-            "scannetpp",
-            "dslr/resized_images",
-            Removed,
-            "t",
-            "no usable picture",
-        ),
-        (
-            "scannetpp",
-            "dslr/nerfstudio/transforms.json",
-            Text("{"),
-            "t",
-            "transforms.json: not JSON",
-        ),
-        (
-            "scannetpp,split=all",
-            "dslr",
-            Removed,
-            "t",
-            "there is no dslr/",
-        ),
-        (
-            "wildrgbd",
-            "",
-            Removed,
-            "cup/scenes/scene_001",
-            "nvs_list.json: lists scenes",
-        ),
-        (
-            "wildrgbd",
-            "metadata",
-            Text("{}"),
-            "cup/scenes/scene_001",
-            "metadata: 'K' is not",
-        ),
-        (
-            "wildrgbd",
-            "cam_poses.txt",
-            Text("0 1"),
-            "cup/scenes/scene_001",
-            "cam_poses.txt",
-        ),
-        (
-            "wildrgbd",
-            "rgb",
-            Removed,
-            "cup/scenes/scene_001",
-            "no usable picture",
-        ),
-        (
-            "tanks-and-temples",
-            "Ignatius_COLMAP_SfM.log",
-            Removed,
-            "Ignatius",
-            "Ignatius_COLMAP_SfM.log",
-        ),
-        (
-            "tanks-and-temples",
-            "Ignatius_trans.txt",
-            Removed,
-            "Ignatius",
-            "Ignatius_trans.txt",
-        ),
-        (
-            "tanks-and-temples",
-            "Ignatius_trans.txt",
-            Text("1 0"),
-            "Ignatius",
-            "Ignatius_trans.txt",
-        ),
-        (
-            "tanks-and-temples",
-            "images",
-            Removed,
-            "Ignatius",
-            "no pictures of Ignatius",
-        ),
-        (
-            "eth3d",
-            "dslr_calibration_jpg",
-            Removed,
-            "field",
-            "set images=undistorted",
-        ),
-        (
-            "eth3d",
-            "dslr_calibration_jpg/images.txt",
-            Removed,
-            "field",
-            "no complete model",
-        ),
-        (
-            "eth3d",
-            "dslr_calibration_jpg/cameras.txt",
-            Text("0 PINHOLE 12"),
-            "field",
-            "cameras.txt",
-        ),
-        (
-            "nerfstudio",
-            "transforms.json",
-            Text("[]"),
-            "b",
-            "transforms.json: the document",
-        ),
-        (
-            "colmap",
-            "sparse/0/images.txt",
-            Removed,
-            "b",
-            "no complete model",
-        ),
-        (
-            "colmap",
-            "sparse/0/cameras.txt",
-            Removed,
-            "b",
-            "no complete model",
-        ),
-        (
-            "colmap",
-            "sparse/0/cameras.txt",
-            Text("1 PINHOLE x"),
-            "b",
-            "cameras.txt",
-        ),
-        ("stereo", "rig.txt", Removed, "q", "rig.txt"),
-        ("stereo", "right.png", Removed, "q", "no right.png"),
-    ] {
+    for [format, file, damage, id, reason] in rows(DAMAGED) {
         let what = format!("{format} {file}");
         let (folder, second) = twice(format.split(',').next().unwrap());
         let path = match file {
@@ -222,9 +57,9 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             file => second.join(file),
         };
         match damage {
-            Removed if path.is_dir() => std::fs::remove_dir_all(path).unwrap(),
-            Removed => std::fs::remove_file(path).unwrap(),
-            Text(text) => std::fs::write(path, text).unwrap(),
+            "removed" if path.is_dir() => std::fs::remove_dir_all(path).unwrap(),
+            "removed" => std::fs::remove_file(path).unwrap(),
+            text => std::fs::write(path, text).unwrap(),
         }
         let found = open_each(&spec(format, folder.path())).unwrap();
         assert_eq!(found.scenes.len(), 1, "{what}");

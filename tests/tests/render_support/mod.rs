@@ -3,6 +3,7 @@
 
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+pub(crate) mod drops;
 pub(crate) mod random;
 pub(crate) mod reference;
 

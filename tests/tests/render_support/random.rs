@@ -54,6 +54,35 @@ pub(crate) fn scene(random: &mut Random, recipe: Recipe) -> Gaussians {
     scene
 }
 
+/// Gives each Gaussian an extreme number in one attribute. Colours may be any finite number; they stay small so that
+/// sums stay finite.
+pub(crate) fn make_extreme(scene: &mut Gaussians) {
+    let extremes = [
+        0.0,
+        -0.0,
+        f32::MIN_POSITIVE,
+        1e-45,
+        1e-20,
+        1.0,
+        1e20,
+        f32::MAX,
+        -1e20,
+        f32::MIN,
+        f32::NAN,
+        f32::INFINITY,
+    ];
+    for k in 0..scene.len() {
+        let extreme = extremes[k / 14 % extremes.len()];
+        match k % 14 {
+            d @ 0..3 => scene.means[k][d] = extreme,
+            d @ 3..7 => scene.quaternions[k][d - 3] = extreme,
+            d @ 7..10 => scene.scales[k][d - 7] = extreme,
+            10 => scene.opacities[k] = extreme,
+            _ => (),
+        }
+    }
+}
+
 /// A camera at the origin with a field of view of about 80 degrees.
 pub(crate) fn view(width: u32, height: u32) -> RenderView {
     let focal = 0.6 * f64::from(width.max(height));
