@@ -1,11 +1,10 @@
 //! Access to a dataset's folder: bounded reads and ordered listings, confined to the folder.
 
-use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
-use sha2::{Digest, Sha256};
+use sharp_checkpoint::hash::reader_sha256;
 use unicode_normalization_alignments::UnicodeNormalization;
 
 use crate::format::error::FormatError;
@@ -318,35 +317,7 @@ pub fn open(path: &Path) -> Result<File, DatasetError> {
 /// # Errors
 /// As for [`read`].
 pub fn sha256(path: &Path) -> Result<String, DatasetError> {
-    sha256_of_reader(open(path)?).map_err(|e| DatasetError::io(path, e))
-}
-
-/// SHA-256 of all data from a reader, 64 lower-case hexadecimal digits.
-///
-/// # Errors
-/// Any error of the reader.
-pub fn sha256_of_reader(mut reader: impl Read) -> std::io::Result<String> {
-    let mut hasher = Sha256::new();
-    let mut buffer = vec![0; 1 << 16];
-    loop {
-        match reader.read(&mut buffer)? {
-            0 => return Ok(hexadecimal(&hasher.finalize())),
-            n => hasher.update(&buffer[..n]),
-        }
-    }
-}
-
-/// SHA-256 of bytes in memory, 64 lower-case hexadecimal digits.
-pub fn sha256_of(bytes: &[u8]) -> String {
-    hexadecimal(&Sha256::digest(bytes))
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        // Writing to a string cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+    reader_sha256(open(path)?).map_err(|e| DatasetError::io(path, e))
 }
 
 /// Extensions of pictures in lower case, lossless formats first.

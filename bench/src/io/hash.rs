@@ -6,7 +6,7 @@ use std::time::SystemTime;
 
 use sha2::{Digest, Sha256};
 use sharp::files::open_regular;
-use sharp_datasets::files;
+use sharp_checkpoint::hash::reader_sha256;
 
 use super::atomic_files::FileError;
 
@@ -14,7 +14,7 @@ pub use sharp_checkpoint::hash::{hex, sha256_hex};
 
 /// SHA-256 of a regular file, read in chunks.
 pub fn file_sha256(path: &Path) -> Result<String, FileError> {
-    let hash = open_regular(path).and_then(files::sha256_of_reader);
+    let hash = open_regular(path).and_then(reader_sha256);
     hash.map_err(FileError::new(path, "read"))
 }
 

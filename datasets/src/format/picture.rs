@@ -5,6 +5,7 @@ use std::path::Path;
 
 use image::{GrayImage, RgbImage};
 use sharp::image_file::{self, Header, OrientationRule, PictureRules};
+use sharp_checkpoint::hash::sha256_hex;
 
 use crate::mask_labels::labels;
 use crate::{DatasetError, files};
@@ -28,7 +29,7 @@ pub fn read(
 pub fn sha256_of_whole(path: &Path) -> Result<String, DatasetError> {
     files::parse(path, |bytes| {
         image_file::check_complete(bytes)?;
-        Ok(files::sha256_of(bytes))
+        Ok(sha256_hex(bytes))
     })
 }
 

@@ -6,9 +6,8 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use sha2::{Digest, Sha256};
-
 use crate::error::Fault;
+use crate::hash::reader_sha256;
 
 /// Random access to the bytes of a checkpoint, through which its table of contents and its tensors
 /// are read.
@@ -68,17 +67,10 @@ impl OpenFile {
     }
 
     /// SHA-256 of the whole current file.
-    pub(crate) fn sha256(&self) -> io::Result<[u8; 32]> {
+    pub(crate) fn sha256(&self) -> io::Result<String> {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         file.rewind()?;
-        let mut hasher = Sha256::new();
-        let mut buffer = vec![0; 1 << 20];
-        loop {
-            match file.read(&mut buffer)? {
-                0 => return Ok(hasher.finalize().into()),
-                read => hasher.update(&buffer[..read]),
-            }
-        }
+        reader_sha256(&mut *file)
     }
 }
 

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use crate::bytes::{Bytes, OpenFile};
 use crate::error::{CheckpointError, Fault, malformed};
-use crate::hash::hex;
 use crate::pickle::state_dict::{NamedTensors, resolve};
 use crate::pickle::value::Heap;
 use crate::tensor::{DType, TensorLayout};
@@ -116,8 +115,7 @@ impl Checkpoint {
     /// [`CheckpointError::Io`] if the file cannot be read.
     pub fn sha256(&self) -> Result<String, CheckpointError> {
         let hash = self.file.sha256();
-        hash.map(hex)
-            .map_err(|error| Fault::Io(error).at(&self.path))
+        hash.map_err(|error| Fault::Io(error).at(&self.path))
     }
 
     fn layout(&self, name: &str) -> Result<&TensorLayout, CheckpointError> {

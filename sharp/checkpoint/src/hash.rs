@@ -1,6 +1,7 @@
 //! SHA-256 as 64 lower-case hexadecimal digits.
 
 use std::fmt::Write;
+use std::io::{self, Read};
 use std::path::Path;
 
 use sha2::{Digest, Sha256};
@@ -25,13 +26,28 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
     hex(Sha256::digest(bytes))
 }
 
+/// SHA-256 of all data from a reader.
+///
+/// # Errors
+/// Any error of the reader.
+pub fn reader_sha256(mut reader: impl Read) -> io::Result<String> {
+    let mut hasher = Sha256::new();
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        match reader.read(&mut buffer)? {
+            0 => return Ok(hex(hasher.finalize())),
+            read => hasher.update(&buffer[..read]),
+        }
+    }
+}
+
 /// SHA-256 of a regular file, read in pieces.
 ///
 /// # Errors
 /// [`CheckpointError::Io`] if the file is not regular or cannot be read.
 pub fn file_sha256(path: &Path) -> Result<String, CheckpointError> {
     let hash = OpenFile::open(path).and_then(|file| file.sha256());
-    hash.map(hex).map_err(|source| CheckpointError::Io {
+    hash.map_err(|source| CheckpointError::Io {
         path: path.to_owned(),
         source,
     })

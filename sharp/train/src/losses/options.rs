@@ -55,29 +55,17 @@ impl Default for LossWeights {
 impl LossWeights {
     /// The weights, in the order of [`TERMS`].
     fn values(&self) -> [f64; TERMS.len()] {
-        let Self {
-            color,
-            alpha,
-            percep,
-            depth,
-            tv,
-            grad,
-            delta,
-            splat,
-            scale,
-            scale_gradient,
-        } = *self;
         [
-            color,
-            alpha,
-            percep,
-            depth,
-            tv,
-            grad,
-            delta,
-            splat,
-            scale,
-            scale_gradient,
+            self.color,
+            self.alpha,
+            self.percep,
+            self.depth,
+            self.tv,
+            self.grad,
+            self.delta,
+            self.splat,
+            self.scale,
+            self.scale_gradient,
         ]
     }
 
