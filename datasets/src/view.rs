@@ -6,6 +6,7 @@ use std::sync::Arc;
 use image::{GrayImage, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::image_file::Header;
+use sharp_checkpoint::hash::sha256_hex;
 
 use crate::DatasetError;
 use crate::depth_map::DepthMap;
@@ -43,13 +44,17 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
-    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError>;
+    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
+        Ok(None)
+    }
 
     /// Ground-truth depth with the photograph's size; `None` if the dataset has no depth for this view.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
-    fn depth(&self) -> Result<Option<DepthMap>, DatasetError>;
+    fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
+        Ok(None)
+    }
 
     /// The depth map's file and its values as stored; `None` if the values are not whole numbers or
     /// the view has no stored depth.
@@ -61,11 +66,15 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     }
 
     /// File of the photograph; `None` if procedural.
-    fn image_file(&self) -> Option<&Path>;
+    fn image_file(&self) -> Option<&Path> {
+        None
+    }
 
     /// Every file that the view depends on, with its role, sorted; a file with two roles is listed twice. Empty for a
     /// procedural view.
-    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)>;
+    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
+        Vec::new()
+    }
 
     /// [`ViewContent::files_by_role`] without the roles; each file once, sorted.
     fn files(&self) -> Vec<PathBuf> {
@@ -104,7 +113,9 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// # Errors
     /// Names the file and the reason: the file is missing or incomplete (if that can be detected without decoding), or
     /// the photograph's size differs from the camera's.
-    fn image_sha256(&self) -> Result<String, DatasetError>;
+    fn image_sha256(&self) -> Result<String, DatasetError> {
+        Ok(sha256_hex(&self.image()?))
+    }
 }
 
 #[derive(Debug, Clone)]

@@ -4,19 +4,19 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
-use image::{GrayImage, RgbImage};
+use image::RgbImage;
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::image_file::OrientationRule;
 use sharp::image_file::focal::{Focal, FocalSource};
 use sharp::trajectory::{DepthRange, Trajectory, TrajectoryKind, looking, shifted};
 use sharp::unprojection::release_intrinsics;
+use sharp_checkpoint::hash::sha256_hex;
 
 use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
 use crate::file_content::FileContent;
 use crate::files::{self, Root};
 use crate::format::picture;
 use crate::found_scenes::FoundScenes;
-use crate::required_files::FileRole;
 use crate::setting::{Setting, choice};
 use crate::undistort::ViewGeometry;
 use crate::{DatasetEntry, DatasetError, DatasetSpec, DepthMap, Pairing, Scene, View, ViewContent};
@@ -305,24 +305,8 @@ impl ViewContent for CameraOnly {
         false
     }
 
-    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
-        Ok(None)
-    }
-
-    fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
-        Ok(None)
-    }
-
-    fn image_file(&self) -> Option<&Path> {
-        None
-    }
-
-    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
-        Vec::new()
-    }
-
     fn image_sha256(&self) -> Result<String, DatasetError> {
-        Ok(files::sha256_of(b"camera without a photograph"))
+        Ok(sha256_hex(b"camera without a photograph"))
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{DMat3, DVec3};
-use image::{GrayImage, Luma, RgbImage};
+use image::{Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp_datasets::required_files::FileRole;
 use sharp_datasets::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
@@ -28,10 +28,6 @@ struct Wall {
 impl ViewContent for Wall {
     fn image(&self) -> Result<RgbImage, DatasetError> {
         Ok(RgbImage::new(WIDTH, HEIGHT))
-    }
-
-    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
-        Ok(None)
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {

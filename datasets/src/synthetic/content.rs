@@ -1,10 +1,9 @@
 //! Pictures and depth of the procedural scene.
 
-use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use glam::{DVec2, DVec3};
-use image::{GrayImage, RgbImage};
+use image::RgbImage;
 use rayon::prelude::*;
 use sharp::camera::RigidTransform;
 
@@ -12,8 +11,7 @@ use super::arithmetic::srgb_level;
 use super::candidates::Wedge;
 use super::world::{Candidates, Sight, World};
 use crate::lens::Lens;
-use crate::required_files::FileRole;
-use crate::{DatasetError, DepthMap, ViewContent, files};
+use crate::{DatasetError, DepthMap, ViewContent};
 
 /// Side in pixels of the tiles whose rays share a list of objects that they can hit.
 const TILE: u32 = 8;
@@ -153,10 +151,6 @@ impl ViewContent for ProceduralContent {
         Ok(self.picture().clone())
     }
 
-    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
-        Ok(None)
-    }
-
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
         let mut depth = DepthMap::new(self.size().0, self.size().1);
         self.fill(&mut depth, 1, |candidates, x, y, value| {
@@ -169,17 +163,5 @@ impl ViewContent for ProceduralContent {
             }
         });
         Ok(Some(depth))
-    }
-
-    fn image_file(&self) -> Option<&Path> {
-        None
-    }
-
-    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
-        Vec::new()
-    }
-
-    fn image_sha256(&self) -> Result<String, DatasetError> {
-        Ok(files::sha256_of(self.picture()))
     }
 }

@@ -9,8 +9,7 @@ use std::sync::Arc;
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
-use sharp_datasets::required_files::FileRole;
-use sharp_datasets::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
+use sharp_datasets::{DatasetError, Pairing, Scene, View, ViewContent};
 use sharp_metrics::MetricKey;
 
 use crate::evaluate::record::{Record, Score, Status};
@@ -111,20 +110,8 @@ impl ViewContent for Photograph {
         Ok(self.valid.clone())
     }
 
-    fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
-        Ok(None)
-    }
-
     fn image_file(&self) -> Option<&Path> {
         self.file.as_deref()
-    }
-
-    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
-        Vec::new()
-    }
-
-    fn image_sha256(&self) -> Result<String, DatasetError> {
-        Ok(String::new())
     }
 }
 

@@ -6,7 +6,7 @@ mod proper;
 mod spoiled;
 
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use image::{GrayImage, RgbImage};
@@ -14,7 +14,6 @@ use image::{GrayImage, RgbImage};
 use super::advice::Units;
 use super::{Effort, check, look};
 use crate::processing::Processing;
-use crate::required_files::FileRole;
 use crate::synthetic::{SyntheticOptions, SyntheticScene};
 use crate::view::evenly_spaced;
 use crate::{DatasetError, DatasetSpec, DepthMap, Pairing, Scene, View, ViewContent};
@@ -79,18 +78,6 @@ impl ViewContent for Pixels {
             masked: self.valid.is_some(),
             ..Processing::default()
         }
-    }
-
-    fn image_file(&self) -> Option<&Path> {
-        None
-    }
-
-    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
-        Vec::new()
-    }
-
-    fn image_sha256(&self) -> Result<String, DatasetError> {
-        Ok(crate::files::sha256_of(&self.picture))
     }
 }
 

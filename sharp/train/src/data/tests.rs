@@ -1,11 +1,10 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec2;
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use sharp::camera::baseline_m;
-use sharp_datasets::required_files::FileRole;
 use sharp_datasets::synthetic::TRAINING_SEEDS;
 use sharp_datasets::{DatasetError, DatasetSpec, DepthMap, View, ViewContent, bundled};
 
@@ -261,14 +260,6 @@ impl ViewContent for Masked {
 
     fn image_file(&self) -> Option<&Path> {
         Some(Path::new("masked.png"))
-    }
-
-    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
-        Vec::new()
-    }
-
-    fn image_sha256(&self) -> Result<String, DatasetError> {
-        Ok(String::new())
     }
 }
 
