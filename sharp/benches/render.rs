@@ -6,40 +6,14 @@
 
 #![allow(clippy::print_stdout, reason = "a benchmark prints")]
 
+mod cpu_time;
 mod speed_scene;
 
-use cpu_time::ProcessTime;
-use criterion::measurement::{Measurement, ValueFormatter, WallTime};
+use self::cpu_time::CpuTime;
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use sharp::gaussians::Harmonics;
 use sharp::render::{CpuRenderer, PictureGradient, Renderer, Rule, Simd};
 use std::time::Duration;
-
-struct CpuTime;
-
-impl Measurement for CpuTime {
-    type Intermediate = ProcessTime;
-    type Value = Duration;
-
-    fn start(&self) -> ProcessTime {
-        ProcessTime::now()
-    }
-    fn end(&self, start: ProcessTime) -> Duration {
-        start.elapsed()
-    }
-    fn add(&self, a: &Duration, b: &Duration) -> Duration {
-        *a + *b
-    }
-    fn zero(&self) -> Duration {
-        Duration::ZERO
-    }
-    fn to_f64(&self, value: &Duration) -> f64 {
-        value.as_nanos() as f64
-    }
-    fn formatter(&self) -> &dyn ValueFormatter {
-        WallTime.formatter()
-    }
-}
 
 fn frames(criterion: &mut Criterion<CpuTime>) {
     let mut group = criterion.benchmark_group("frame");

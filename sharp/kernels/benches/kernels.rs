@@ -1,80 +1,21 @@
 //! Rates of the kernels at the shapes of the network and of the metrics' backbones.
 //!
 //! `cargo bench -p sharp-kernels`. Times are CPU time of the process, summed over threads. Rates are floating-point
-//! operations per second of CPU time, where operations are counted as in the direct sum, so that Winograd may exceed
-//! the machine's peak.
+//! operations (shown as elements) per second of CPU time, where operations are counted as in the direct sum, so that
+//! Winograd may exceed the machine's peak.
+
+#[path = "../../benches/cpu_time/mod.rs"]
+mod cpu_time;
 
 use std::hint::black_box;
 use std::time::Duration;
 
-use cpu_time::ProcessTime;
-use criterion::measurement::{Measurement, ValueFormatter};
+use self::cpu_time::CpuTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use sharp_kernels::{
     Algorithm, AttentionShape, Conv2d, ConvSpec, Epilogue, GroupNorm, PackedMatrix, RowOp,
     RowWindow, Simd, attention, matmul,
 };
-
-/// CPU time of the process, in seconds.
-struct CpuTime;
-
-impl Measurement for CpuTime {
-    type Intermediate = ProcessTime;
-    type Value = Duration;
-
-    fn start(&self) -> ProcessTime {
-        ProcessTime::now()
-    }
-
-    fn end(&self, start: ProcessTime) -> Duration {
-        start.elapsed()
-    }
-
-    fn add(&self, a: &Duration, b: &Duration) -> Duration {
-        *a + *b
-    }
-
-    fn zero(&self) -> Duration {
-        Duration::ZERO
-    }
-
-    fn to_f64(&self, value: &Duration) -> f64 {
-        value.as_secs_f64()
-    }
-
-    fn formatter(&self) -> &dyn ValueFormatter {
-        &Format
-    }
-}
-
-/// Formats a measurement as milliseconds of CPU time and GFLOP per CPU second.
-struct Format;
-
-impl ValueFormatter for Format {
-    fn scale_values(&self, _typical: f64, values: &mut [f64]) -> &'static str {
-        values.iter_mut().for_each(|v| *v *= 1e3);
-        "ms CPU"
-    }
-
-    fn scale_throughputs(
-        &self,
-        _typical: f64,
-        throughput: &Throughput,
-        values: &mut [f64],
-    ) -> &'static str {
-        let (Throughput::Elements(count) | Throughput::Bytes(count)) = throughput else {
-            return "";
-        };
-        values
-            .iter_mut()
-            .for_each(|v| *v = *count as f64 / *v / 1e9);
-        "GFLOP/s of CPU time"
-    }
-
-    fn scale_for_machines(&self, _values: &mut [f64]) -> &'static str {
-        "s"
-    }
-}
 
 type Group<'a> = BenchmarkGroup<'a, CpuTime>;
 
@@ -91,7 +32,7 @@ fn short(group: &mut Group<'_>) {
         .measurement_time(Duration::from_secs(2));
 }
 
-/// Floating-point operations of a kernel, as [`Format`] counts them.
+/// Floating-point operations of a kernel, which are shown as elements.
 fn flop(multiply_adds: usize) -> Throughput {
     Throughput::Elements(2 * multiply_adds as u64)
 }
