@@ -166,7 +166,7 @@ fn rotated(pose: &RigidTransform, axes: DMat3) -> RigidTransform {
 }
 
 /// Pose with the given rotation at an unchanged position.
-fn turned_in_place(pose: &RigidTransform, rotation: DMat3) -> RigidTransform {
+pub(super) fn turned_in_place(pose: &RigidTransform, rotation: DMat3) -> RigidTransform {
     let place = pose.rotation.transpose() * -pose.translation;
     RigidTransform {
         rotation,
@@ -196,7 +196,7 @@ const Y: DVec3 = DVec3::new(1.0, -1.0, 1.0);
 const Z: DVec3 = DVec3::new(1.0, 1.0, -1.0);
 
 /// Pose of a mirrored camera in a mirrored world.
-fn camera_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
+pub(super) fn camera_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
     let axes = DMat3::from_diagonal(signs);
     RigidTransform {
         rotation: axes * pose.rotation * axes,
@@ -205,7 +205,7 @@ fn camera_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
 }
 
 /// Pose with an unchanged rotation at a mirrored position.
-fn places_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
+pub(super) fn places_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
     let place = pose.rotation.transpose() * pose.translation;
     RigidTransform {
         translation: pose.rotation * (signs * place),

@@ -370,27 +370,17 @@ impl Neighbours<'_> {
 mod tests {
     use super::*;
     use crate::View;
-    use crate::check::tests::{is_tried, views, worlds};
-    use crate::check::{Effort, QUICK, THOROUGH};
+    use crate::check::THOROUGH;
+    use crate::check::tests::{is_tried, views};
     use sharp::camera::RigidTransform;
 
     const SIZE: (u32, u32) = (96, 72);
 
-    fn better(views: &[View], effort: Effort) -> Option<Change> {
-        let neighbours = Neighbours::new(views, effort).unwrap();
+    fn better(views: &[View]) -> Option<Change> {
+        let neighbours = Neighbours::new(views, THOROUGH).unwrap();
         neighbours
             .better(Units::default())
             .map(|better| better.change)
-    }
-
-    #[test]
-    fn proper_scenes_have_no_better_reading() {
-        for seed in worlds(0..6, 2) {
-            let views = views(seed, SIZE);
-            for effort in [QUICK, THOROUGH] {
-                assert_eq!(better(&views, effort), None, "{seed}");
-            }
-        }
     }
 
     #[test]
@@ -468,7 +458,7 @@ mod tests {
             for seed in (0..2).filter(|seed| is_tried(i, *seed)) {
                 let mut views = views(seed, SIZE);
                 spoil(&mut views);
-                let found = better(&views, THOROUGH);
+                let found = better(&views);
                 assert!(
                     found.as_ref().is_some_and(is_right),
                     "{i} {seed}: {found:?}"

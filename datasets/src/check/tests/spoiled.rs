@@ -1,6 +1,6 @@
 //! Valid scenes are not reported, and each kind of damage is reported with its cause.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use image::RgbImage;
@@ -9,6 +9,7 @@ use sharp::camera::RigidTransform;
 
 use super::{Pixels, change, is_tried, scene, views, views_of, worlds};
 use crate::check::advice::Units;
+use crate::check::convention::{camera_mirrored, places_mirrored, turned_in_place};
 use crate::check::{QUICK, THOROUGH, check, look, plausible};
 use crate::lens::{Distortion, Lens};
 use crate::synthetic::{SyntheticOptions, SyntheticScene};
@@ -22,12 +23,20 @@ fn found(views: &[View]) -> Vec<String> {
 
 type Spoil = fn(&mut [View]);
 
-/// Fails unless the thorough check reports nothing for two valid scenes and only the given text for
-/// each damaged one. [`is_tried`] says which of the two are damaged.
+/// Two valid scenes, made once for all tests.
+static VALID: LazyLock<[Vec<View>; 2]> = LazyLock::new(|| [0, 1].map(|seed| views(seed, SIZE)));
+
+#[test]
+fn valid_scenes_are_not_reported() {
+    for (seed, right) in VALID.iter().enumerate() {
+        assert_eq!(found(right), [""; 0], "{seed}");
+    }
+}
+
+/// Fails unless the thorough check reports only the given text for each damaged scene. [`is_tried`] says which of the
+/// two are damaged.
 fn named(cases: &[(Spoil, &str)]) {
-    for seed in 0..2 {
-        let right = views(seed, SIZE);
-        assert_eq!(found(&right), [""; 0], "{seed}");
+    for (seed, right) in (0..).zip(VALID.iter()) {
         for (i, (spoil, cause)) in cases.iter().enumerate() {
             if !is_tried(i, seed) {
                 continue;
@@ -109,7 +118,7 @@ fn one_pose_or_one_depth_map_for_all_and_cameras_of_another_size_are_named() {
         ),
         (|views| depth_of(views, |_| 0), "have the same depth map"),
     ]);
-    let mut half = views(0, SIZE);
+    let mut half = VALID[0].clone();
     for view in &mut half {
         let k = &mut view.intrinsics;
         let all = [&mut k.fx, &mut k.fy, &mut k.cx, &mut k.cy];
@@ -205,23 +214,17 @@ fn swapped_pictures_are_named() {
     ]);
 }
 
+fn world(views: &mut [View], signs: DVec3) {
+    for view in views {
+        view.camera_from_world = camera_mirrored(&view.camera_from_world, signs);
+    }
+}
+
 #[test]
 fn mirrored_axes_are_named() {
     fn places(views: &mut [View], signs: DVec3) {
         for view in views {
-            let pose = &mut view.camera_from_world;
-            let place = pose.rotation.transpose() * pose.translation;
-            pose.translation = pose.rotation * (signs * place);
-        }
-    }
-    fn world(views: &mut [View], signs: DVec3) {
-        let axes = DMat3::from_diagonal(signs);
-        for view in views {
-            let pose = view.camera_from_world;
-            view.camera_from_world = RigidTransform {
-                rotation: axes * pose.rotation * axes,
-                translation: axes * pose.translation,
-            };
+            view.camera_from_world = places_mirrored(&view.camera_from_world, signs);
         }
     }
     fn both(c: &mut Pixels, turn: fn(&RgbImage) -> RgbImage, depth: fn(&DepthMap) -> DepthMap) {
@@ -264,20 +267,13 @@ fn mirrored_axes_are_named() {
 /// Where cameras hardly roll or move forward, transposed rotations explain left-handed poses about as well.
 #[test]
 fn left_handed_poses_are_named_without_depth() {
-    let axes = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
     for seed in 0..3 {
         let mut views = views_of(SyntheticOptions {
             width: 240,
             height: 180,
             ..SyntheticOptions::varied(seed)
         });
-        for view in &mut views {
-            let pose = view.camera_from_world;
-            view.camera_from_world = RigidTransform {
-                rotation: axes * pose.rotation * axes,
-                translation: axes * pose.translation,
-            };
-        }
+        world(&mut views, DVec3::new(1.0, 1.0, -1.0));
         change(&mut views, |content| content.depth = None);
         for effort in [QUICK, THOROUGH] {
             let said = super::found(&views, effort);
@@ -332,7 +328,7 @@ fn proper_scenes_of_many_kinds_contradict_nothing() {
 
 #[test]
 fn swapped_principal_points_are_named_and_crops_are_not() {
-    let right = views(0, SIZE);
+    let right = VALID[0].clone();
     let of = |cx: f64, cy: f64| {
         let mut views = right.clone();
         for view in &mut views {
@@ -599,7 +595,7 @@ fn one_wrong_view_is_named() {
             "view_06: its picture is turned by 180 degrees",
         ),
     ]);
-    let mut black = views(0, SIZE);
+    let mut black = VALID[0].clone();
     change(&mut black[3..4], |c| c.picture.fill(0));
     let said = super::found(&black, QUICK);
     assert_eq!(said, ["view_03: the picture has a single colour"]);
@@ -657,51 +653,6 @@ fn pairs_that_are_not_rectified_or_far_too_wide_are_named() {
     wide[1].camera_from_world.translation *= 2000.0;
     let (said, _) = of_pair(wide);
     assert!(said.contains("the baseline of 200 m"), "{said}");
-}
-
-/// Views through a lens that magnifies the centre more than the border, with cameras that state no
-/// distortion.
-fn distorted(views: &mut [View]) {
-    const BY: f64 = 0.25;
-    fn from((w, h): (u32, u32), x: u32, y: u32) -> (u32, u32) {
-        let half = DVec2::new(f64::from(w), f64::from(h)) / 2.0;
-        let out = (DVec2::new(f64::from(x), f64::from(y)) + 0.5 - half) / half.x;
-        let whole = 1.0 + BY * (1.0 + (half.y / half.x).powi(2));
-        let from = half + out * (1.0 + BY * out.length_squared()) / whole * half.x;
-        ((from.x as u32).min(w - 1), (from.y as u32).min(h - 1))
-    }
-    change(views, |c| {
-        c.turn(|picture| {
-            let size = picture.dimensions();
-            RgbImage::from_fn(size.0, size.1, |x, y| {
-                let (x, y) = from(size, x, y);
-                *picture.get_pixel(x, y)
-            })
-        });
-        c.change(|depth| {
-            let size = depth.dimensions();
-            DepthMap::from_fn(size.0, size.1, |x, y| {
-                let (x, y) = from(size, x, y);
-                *depth.get_pixel(x, y)
-            })
-        });
-    });
-    for view in views {
-        let whole = 1.0 + BY * (1.0 + 0.75_f64.powi(2));
-        view.intrinsics.fx *= whole;
-        view.intrinsics.fy *= whole;
-    }
-}
-
-#[test]
-fn lens_distortion_that_was_left_in_is_named() {
-    let mut wrong = views(0, SIZE);
-    distorted(&mut wrong);
-    let said = found(&wrong);
-    assert!(
-        said.len() == 1 && said[0].contains("lens distortion was left in"),
-        "{said:?}"
-    );
 }
 
 /// One calibration for pictures of two focal lengths, and depth maps of two units.
@@ -810,7 +761,7 @@ fn lengths_of_rays_show_in_colours() {
 /// The masks keep what has no depth, and nothing else.
 #[test]
 fn masks_that_exclude_all_depth_are_named() {
-    let mut wrong = views(0, SIZE);
+    let mut wrong = VALID[0].clone();
     change(&mut wrong, |c| {
         let middle = |x: u32| x > SIZE.0 / 3;
         c.depth = c.depth.take().map(|depth| {
@@ -851,7 +802,7 @@ fn lost_rotations_are_named() {
 #[test]
 fn points_in_another_unit_are_told_to_be_of_another_model() {
     let spec = crate::DatasetSpec::parse("colmap=c,depth=points").unwrap();
-    let mut wrong = views(0, SIZE);
+    let mut wrong = VALID[0].clone();
     change(&mut wrong, |c| c.each(|z| 5.0 * z));
     let said = look(&scene(wrong), Units::of(&spec), THOROUGH).contradictions;
     let fits = "a unit of the poses that is 5 times that of the points fits better (";
@@ -981,14 +932,6 @@ fn shuffled_pictures_are_named_and_not_called_swapped() {
     }
 }
 
-fn turned_in_place(pose: &RigidTransform, rotation: DMat3) -> RigidTransform {
-    let place = pose.rotation.transpose() * -pose.translation;
-    RigidTransform {
-        rotation,
-        translation: -(rotation * place),
-    }
-}
-
 #[test]
 fn transposed_rotations_and_swapped_translations_are_named() {
     fn each(views: &mut [View], take: impl Fn(&RigidTransform) -> RigidTransform) {
@@ -1045,7 +988,7 @@ fn transposed_rotations_and_swapped_translations_are_named() {
         DMat3::from_cols(-DVec3::Y, -DVec3::Z, DVec3::X),
         DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X),
     ] {
-        let mut wrong = views(0, SIZE);
+        let mut wrong = VALID[0].clone();
         each(&mut wrong, |pose| RigidTransform {
             rotation: axes * pose.rotation,
             translation: axes * pose.translation,
@@ -1178,7 +1121,7 @@ fn repeated_pictures_are_named_where_the_camera_moves() {
         |v| v[3].content = v[2].content.clone(),
         "view_02 and view_03 have the same picture",
     )]);
-    let mut still = views(0, SIZE);
+    let mut still = VALID[0].clone();
     still[3] = View {
         id: still[3].id.clone(),
         ..still[2].clone()
@@ -1224,7 +1167,7 @@ fn pairs_of_one_picture_or_turned_against_each_other_are_named() {
 /// If depths agree for any focal length, colours must reveal the error, also in a thorough check.
 #[test]
 fn focal_lengths_that_depth_does_not_tell_are_named() {
-    let mut wrong = views(0, SIZE);
+    let mut wrong = VALID[0].clone();
     for view in &mut wrong {
         zoom(view, 1.3);
     }
@@ -1241,7 +1184,7 @@ fn focal_lengths_that_depth_does_not_tell_are_named() {
 /// views show which one is wrong.
 #[test]
 fn a_quick_look_blames_no_view_of_an_undecided_pair() {
-    let mut wrong = views(0, SIZE);
+    let mut wrong = VALID[0].clone();
     wrong[5..].iter_mut().for_each(|view| zoom(view, 1.0 / 1.3));
     let said = super::found(&wrong, QUICK);
     assert!(
@@ -1289,7 +1232,7 @@ fn thinned_pictures_are_named() {
 #[test]
 fn depth_between_two_planes_is_named() {
     for effort in [THOROUGH, QUICK] {
-        let mut wrong = views(0, SIZE);
+        let mut wrong = VALID[0].clone();
         change(&mut wrong, |content| content.each(|z| 9.0 * (z - 0.5)));
         let said = super::found(&wrong, effort);
         assert!(
