@@ -160,27 +160,6 @@ impl<'a> PfmHeader<'a> {
 mod tests {
     use super::*;
 
-    fn sample() -> FloatMap {
-        FloatMap::from_vec(
-            3,
-            2,
-            vec![1.0, f32::INFINITY, -0.0, 4.5, f32::MIN_POSITIVE, 6.0],
-        )
-        .unwrap()
-    }
-
-    #[test]
-    fn what_is_written_reads_back() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.pfm");
-        write(&path, &sample()).unwrap();
-        assert_eq!(parse(&std::fs::read(&path).unwrap()).unwrap(), sample());
-        assert_eq!(
-            &std::fs::read(&path).unwrap()[10..14],
-            &4.5_f32.to_le_bytes()
-        );
-    }
-
     #[test]
     fn headers_of_every_make_are_read() {
         let rows: Vec<u8> = [4.5_f32, 6.0, 1.0, 2.0]

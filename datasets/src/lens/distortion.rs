@@ -279,19 +279,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn a_thin_prism_without_its_other_terms_is_the_fisheye() {
-        let k = [0.21, -0.02, 0.003, 0.0004];
-        let fisheye = Distortion::OpenCvFisheye { k };
-        let prism = Distortion::ThinPrismFisheye {
-            k,
-            p: [0.0; 2],
-            s: [0.0; 2],
-        };
-        for i in 0..200 {
-            let uv = DVec2::new(f64::from(i % 20) / 8.0 - 1.2, f64::from(i / 20) / 5.0 - 1.0);
-            assert!((fisheye.distort(uv) - prism.distort(uv)).length() < 1e-15);
-        }
-    }
 }

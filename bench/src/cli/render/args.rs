@@ -108,26 +108,4 @@ mod tests {
         assert_eq!("1".parse(), Ok(Layers::One(1)));
         assert!("2".parse::<Layers>().is_err());
     }
-
-    #[test]
-    fn layers_are_the_halves_of_a_scene() {
-        let mut scene = Gaussians::default();
-        for k in 0..6_u8 {
-            scene.means.push([f32::from(k); 3]);
-            scene.quaternions.push([1.0, 0.0, 0.0, 0.0]);
-            scene.scales.push([0.1; 3]);
-            scene.opacities.push(0.5);
-            scene.colors.push([0.5; 3]);
-        }
-        let first = Layers::of(&scene, 0).unwrap();
-        let second = Layers::of(&scene, 1).unwrap();
-        assert_eq!(
-            [first.means.as_slice(), &second.means].concat(),
-            scene.means
-        );
-        assert_eq!((first.len(), second.len()), (3, 3));
-        let odd = scene.filtered(|k| k > 0);
-        assert_eq!(Layers::of(&odd, 0), None);
-        assert_eq!(Layers::of(&Gaussians::default(), 1).unwrap().len(), 0);
-    }
 }

@@ -86,19 +86,6 @@ fn features_are_kept_with_the_hash_of_the_original() {
 }
 
 #[test]
-fn a_broken_transfer_is_resumed() {
-    let answers = vec![
-        Answer::Break(100_000),
-        Answer::Break(50_000),
-        Answer::Status(503),
-        Answer::Rest,
-    ];
-    let (result, asked, _cache) = attempt_with(answers);
-    result.unwrap();
-    assert_eq!(asked, [0, 100_000, 150_000, 150_000]);
-}
-
-#[test]
 fn lies_about_the_size_and_pages_are_errors_and_leave_nothing() {
     let cases = [
         (Answer::Length(1000), "announced 1000 bytes"),
