@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
-use sharp_tests::words;
+use sharp_tests::{copy_folder, words};
 
 use super::case::{Case, Verdict};
 use super::oracle::rows;
@@ -26,22 +26,9 @@ static WHOLE: LazyLock<Result<(Case, String), String>> = LazyLock::new(|| {
     }
 });
 
-fn copy(from: &Path, to: &Path) {
-    std::fs::create_dir_all(to).unwrap();
-    for entry in std::fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.path().is_dir() {
-            copy(&entry.path(), &target)
-        } else {
-            std::fs::copy(entry.path(), target).unwrap();
-        }
-    }
-}
-
 pub(crate) fn runs(case: &mut Case) -> Result<Verdict, String> {
     let (whole, scores) = WHOLE.as_ref().map_err(Clone::clone)?;
-    copy(&whole.path("r"), &case.path("r"));
+    copy_folder(&whole.path("r"), &case.path("r")).unwrap();
     let files = [
         "manifest.json",
         "plan.json",

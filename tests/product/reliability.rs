@@ -22,6 +22,7 @@ use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::{Duration, Instant, SystemTime};
 
 use libtest_mimic::{Arguments, Trial};
+use sharp_tests::copy_folder;
 use support::sharp_bench;
 
 fn main() -> ExitCode {
@@ -632,7 +633,7 @@ fn full_disk() {
     let expected = undisturbed(dir.path());
     let mount = Mount::new(&dir.path().join("small"), "size=400k").unwrap();
     fs::rename(dir.path().join("P"), dir.path().join("Q")).unwrap();
-    copy(&dir.path().join("Q"), &dir.path().join("small/P"));
+    copy_folder(&dir.path().join("Q"), &dir.path().join("small/P")).unwrap();
     let small = dir.path().join("small");
     // Run until the disk is full, then again: finished units remain, and no partial file is used as
     // a result.
@@ -652,7 +653,7 @@ fn read_only() {
     let expected = undisturbed(dir.path());
     let mount = Mount::new(&dir.path().join("small"), "size=200m").unwrap();
     let small = dir.path().join("small");
-    copy(&dir.path().join("P"), &small.join("P"));
+    copy_folder(&dir.path().join("P"), &small.join("P")).unwrap();
     shard(&small, "1/2").ends_with(0);
     mount.remount("ro");
     shard(&small, "2/2").is_error_with(&["P", "Read-only"]);
@@ -662,17 +663,4 @@ fn read_only() {
     mount.remount("rw");
     shard(&small, "2/2").ends_with(0);
     assert!(merged(&small) == expected);
-}
-
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.path().is_dir() {
-            copy(&entry.path(), &target)
-        } else {
-            fs::copy(entry.path(), target).unwrap();
-        }
-    }
 }

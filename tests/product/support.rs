@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-pub(crate) use sharp_tests::words;
+pub(crate) use sharp_tests::{holds, words};
 
 /// The outcome of a command.
 pub(crate) struct Said {
@@ -45,13 +45,7 @@ impl Said {
             "{}",
             self.err
         );
-        for part in parts {
-            assert!(
-                errors[0].contains(part),
-                "'{part}' is not in: {}",
-                errors[0]
-            );
-        }
+        holds(errors[0], parts);
         assert!(!self.err.contains("panicked"), "{}", self.err);
     }
 

@@ -154,6 +154,7 @@ fn own_weights(info: &MetricInfo) -> String {
 mod tests {
     use super::*;
     use sharp_metrics::{MetricRegion, Scorer, Selection, Weights};
+    use sharp_tests::holds;
 
     fn text(list: &str, weights: &Weights) -> MethodsText {
         let scorer = Scorer::new(&Selection::parse(list).unwrap(), weights).unwrap();
@@ -189,11 +190,7 @@ mod tests {
         {
             let text = MethodsText::new(&[key], &[]);
             let key = key.to_string();
-            assert!(
-                text.latex.contains(&format!("\\texttt{{{key}}}")),
-                "{}",
-                text.latex
-            );
+            holds(&text.latex, &[&format!("\\texttt{{{key}}}")]);
             for cite in text.latex.split("\\cite{").skip(1) {
                 let name = cite.split('}').next().unwrap();
                 assert!(text.bibtex.contains(&format!("{{{name},")), "{name}");
@@ -207,10 +204,6 @@ mod tests {
     fn absent_weights_leave_a_visible_gap() {
         let text = text("dists,lpips-vgg", &Weights::none());
         assert_eq!(text.missing, [Backbone::Vgg16]);
-        assert!(
-            text.latex.contains("\\textbf{[hash of the weights]}"),
-            "{}",
-            text.latex
-        );
+        holds(&text.latex, &["\\textbf{[hash of the weights]}"]);
     }
 }

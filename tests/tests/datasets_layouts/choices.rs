@@ -7,9 +7,9 @@ use sharp_datasets::check::DatasetReport;
 use sharp_datasets::format::npy;
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::SyntheticScene;
+use sharp_tests::copy_folder;
 
 use crate::multi_view::{folder, names, pinhole_keys, transforms};
-use crate::small::copy;
 use crate::{Depth, compare, compare_cameras, left_out, read, refusal, scene, spec, write};
 
 fn has_note(notes: &[String], part: &str) {
@@ -238,7 +238,7 @@ fn two_categories() -> tempfile::TempDir {
     let folder = folder();
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/datasets/wildrgbd/cup");
     for category in ["apple", "cup"] {
-        copy(&source, &folder.path().join(category));
+        copy_folder(&source, &folder.path().join(category)).unwrap();
     }
     folder
 }
@@ -305,7 +305,7 @@ fn pictures_behind_links_that_lead_out_are_counted() {
 fn a_bad_line_of_a_split_hides_no_other_scene() {
     let folder = folder();
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/datasets/scannetpp");
-    copy(&source, folder.path());
+    copy_folder(&source, folder.path()).unwrap();
     write::text(
         folder.path(),
         "splits/nvs_test.txt",
@@ -345,8 +345,8 @@ fn names_that_lead_out_name_the_file_that_holds_them() {
 fn a_right_picture_that_no_scene_has_is_named_with_its_setting() {
     let folder = folder();
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/datasets/middlebury/A");
-    copy(&source, &folder.path().join("A-perfect"));
-    copy(&source, &folder.path().join("B-perfect"));
+    copy_folder(&source, &folder.path().join("A-perfect")).unwrap();
+    copy_folder(&source, &folder.path().join("B-perfect")).unwrap();
     let error = refusal("middlebury,right=im1E", folder.path());
     for part in [
         "right=",

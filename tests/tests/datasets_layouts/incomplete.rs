@@ -5,10 +5,10 @@ use std::path::Path;
 
 use sharp_datasets::check::check;
 use sharp_datasets::open_each;
-use sharp_tests::rows;
+use sharp_tests::{copy_folder, rows};
 
 use crate::multi_view::folder;
-use crate::small::{copy, twice};
+use crate::small::twice;
 use crate::{left_out, refusal, spec, write};
 
 /// Damaged scenes: the format with its settings, the file or folder in the second scene (without one, the scene
@@ -91,7 +91,7 @@ fn of_two_rectifications_the_perfect_one_counts_unless_asked_otherwise() {
         "C-perfect",
         "D",
     ] {
-        copy(&source, &folder.path().join(name));
+        copy_folder(&source, &folder.path().join(name)).unwrap();
     }
     let ids = |settings: &str| -> Vec<String> {
         let found = open_each(&spec(&format!("middlebury{settings}"), folder.path())).unwrap();
@@ -134,7 +134,7 @@ fn what_settings_rule_out_is_listed_and_is_no_fault() {
         let picture = |name: &str| second.join(camera).join(name);
         std::fs::copy(picture("im0.png"), picture("im1.png")).unwrap();
     }
-    copy(&second, &folder.path().join("test_stereo/balanced/C"));
+    copy_folder(&second, &folder.path().join("test_stereo/balanced/C")).unwrap();
     let [broken, ruled_out] = left_out("booster,illuminations=first", folder.path());
     assert!(broken.is_empty(), "{broken:?}");
     assert_eq!(
@@ -160,10 +160,10 @@ fn what_settings_rule_out_is_listed_and_is_no_fault() {
 fn pictures_without_a_log_are_no_second_scene_of_one_that_has_it() {
     let (folder, second) = twice("tanks-and-temples");
     let sets = folder.path().join("image_sets");
-    copy(&second.join("images"), &sets.join("Ignatius"));
+    copy_folder(&second.join("images"), &sets.join("Ignatius")).unwrap();
     std::fs::remove_dir_all(second.join("images")).unwrap();
     assert_eq!(left_out("tanks-and-temples", folder.path())[0].len(), 0);
-    copy(&sets.join("Ignatius"), &sets.join("Truck"));
+    copy_folder(&sets.join("Ignatius"), &sets.join("Truck")).unwrap();
     let [broken, _] = left_out("tanks-and-temples", folder.path());
     assert_eq!(broken.len(), 1);
     assert!(
@@ -175,7 +175,7 @@ fn pictures_without_a_log_are_no_second_scene_of_one_that_has_it() {
 #[test]
 fn pictures_of_further_models_are_mentioned() {
     let (folder, second) = twice("colmap");
-    copy(&second.join("sparse/0"), &second.join("sparse/1"));
+    copy_folder(&second.join("sparse/0"), &second.join("sparse/1")).unwrap();
     let found = open_each(&spec("colmap", folder.path())).unwrap();
     let notes = &found.scenes[1].notes;
     assert!(

@@ -2,8 +2,9 @@
 
 use sharp_datasets::check::check;
 use sharp_datasets::open_each;
+use sharp_tests::copy_folder;
 
-use crate::small::{copy, twice};
+use crate::small::twice;
 use crate::{spec, write};
 
 #[test]
@@ -53,10 +54,11 @@ fn scannetpp_needs_the_fisheye_cameras_only_where_something_is_in_them() {
     }
     // The toolbox's pictures, and depth that was rendered in the fisheye camera.
     let dslr = second.join("dslr");
-    copy(
+    copy_folder(
         &dslr.join("resized_images"),
         &dslr.join("resized_undistorted_images"),
-    );
+    )
+    .unwrap();
     let pinhole = text
         .replace("OPENCV_FISHEYE", "PINHOLE")
         .replace("-0.03", "0");
@@ -80,10 +82,11 @@ fn scannetpp_needs_the_fisheye_cameras_only_where_something_is_in_them() {
 fn files_that_place_depth_are_files_of_the_view() {
     let (folder, second) = twice("scannetpp");
     let dslr = second.join("dslr");
-    copy(
+    copy_folder(
         &dslr.join("resized_images"),
         &dslr.join("resized_undistorted_images"),
-    );
+    )
+    .unwrap();
     let fisheye = dslr.join("nerfstudio/transforms.json");
     let text = std::fs::read_to_string(&fisheye).unwrap();
     let pinhole = text

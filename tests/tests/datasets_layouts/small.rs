@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use sharp_tests::copy_folder;
+
 use crate::multi_view::folder;
 use crate::write;
 
@@ -22,11 +24,11 @@ pub(crate) fn twice(format: &str) -> (tempfile::TempDir, PathBuf) {
         _ => ("", "b"),
     };
     if from.is_empty() {
-        copy(&layouts.join(format), &folder.path().join("a"));
-        copy(&layouts.join(format), &folder.path().join("b"));
+        copy_folder(&layouts.join(format), &folder.path().join("a")).unwrap();
+        copy_folder(&layouts.join(format), &folder.path().join("b")).unwrap();
     } else {
-        copy(&layouts.join(format), folder.path());
-        copy(&folder.path().join(from), &folder.path().join(copied));
+        copy_folder(&layouts.join(format), folder.path()).unwrap();
+        copy_folder(&folder.path().join(from), &folder.path().join(copied)).unwrap();
     }
     let second = folder.path().join(copied);
     match format {
@@ -45,17 +47,4 @@ pub(crate) fn twice(format: &str) -> (tempfile::TempDir, PathBuf) {
         _ => {}
     }
     (folder, second)
-}
-
-pub(crate) fn copy(from: &Path, to: &Path) {
-    std::fs::create_dir_all(to).unwrap();
-    for entry in std::fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.path().is_dir() {
-            copy(&entry.path(), &target);
-        } else {
-            std::fs::copy(entry.path(), target).unwrap();
-        }
-    }
 }

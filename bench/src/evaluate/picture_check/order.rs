@@ -215,6 +215,7 @@ fn fit(seen: &RgbImage, shown: &RgbImage) -> Likeness {
 #[cfg(test)]
 mod tests {
     use image::Rgb;
+    use sharp_tests::holds;
 
     use super::super::camera::misplaced;
     use super::super::group::Extent;
@@ -249,15 +250,9 @@ mod tests {
     #[test]
     fn pictures_of_a_folder_under_the_names_of_others_are_told() {
         let before = told(|k| (k + 8) % 9).unwrap();
-        assert!(
-            before.contains("show the target of the pair before theirs"),
-            "{before}"
-        );
+        holds(&before, &["show the target of the pair before theirs"]);
         let after = told(|k| (k + 1) % 9).unwrap();
-        assert!(
-            after.contains("show the target of the pair after theirs"),
-            "{after}"
-        );
+        holds(&after, &["show the target of the pair after theirs"]);
         assert!(
             told(|k| (k * 4 + 3) % 9)
                 .unwrap()

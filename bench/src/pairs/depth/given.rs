@@ -155,6 +155,7 @@ mod tests {
     use crate::pairs::test_scene::{Depth, row};
     use image::Luma;
     use sharp_datasets::format::{FloatMap, depth_png, npy};
+    use sharp_tests::holds;
 
     fn write(dir: &Path, name: &str, map: &FloatMap) -> PathBuf {
         let path = dir.join("d/s").join(name);
@@ -227,10 +228,7 @@ mod tests {
                 .to_string()
         };
         let absent = depth(0);
-        assert!(
-            absent.contains("v0") && absent.contains("no depth map"),
-            "{absent}"
-        );
+        holds(&absent, &["v0", "no depth map"]);
         let map = FloatMap::from_pixel(100, 10, Luma([1.0]));
         write(dir.path(), "v0.npy", &map);
         write(dir.path(), "v0.png", &map);
@@ -245,10 +243,7 @@ mod tests {
             &FloatMap::from_pixel(50, 50, Luma([1.0])),
         );
         let shape = depth(1);
-        assert!(
-            shape.contains("v1.npy") && shape.contains("50x50"),
-            "{shape}"
-        );
+        holds(&shape, &["v1.npy", "50x50"]);
         std::fs::write(dir.path().join("d/s/v2.npy"), b"\x93NUMPY").unwrap();
         assert!(depth(2).contains("v2.npy"));
         let nowhere = GivenDepth::open(&dir.path().join("nowhere")).unwrap_err();
