@@ -1,5 +1,7 @@
 //! Cases of datasets.
 
+use sharp_tests::rows;
+
 use super::{Case, case, untried};
 
 use crate::support::Said;
@@ -151,29 +153,16 @@ fn a_refused_link_names_the_setting_that_allows_it() {
 
 #[test]
 fn a_unit_that_fits_is_named_with_its_setting() {
-    for (name, fits) in [
-        (
-            "X43-colmap-unit-0.2",
-            "scale=5 fits better (79.2 % of depths agree between neighbouring views instead of 54.0 %",
-        ),
-        ("X25-depth-metres-npy", "depth-unit=1 fits better (79.2 %"),
-        (
-            "X45-inverse-depth",
-            "depth-kind=inverse,depth-unit=0.001 fits better (79.1 %",
-        ),
-    ] {
+    let table = "\
+X43-colmap-unit-0.2 | scale=5 fits better (79.2 % of depths agree between neighbouring views instead of 54.0 %
+X25-depth-metres-npy | depth-unit=1 fits better (79.2 %
+X45-inverse-depth | depth-kind=inverse,depth-unit=0.001 fits better (79.1 %";
+    for [name, fits] in rows(table) {
         let case = case(name);
         ends(&case.said[0], 4, fits);
         let setting = fits.split(' ').next().unwrap();
-        let spec = std::fs::read_to_string(case.path("cmd")).unwrap();
-        let spec = spec
-            .lines()
-            .next()
-            .unwrap()
-            .rsplit(' ')
-            .next()
-            .unwrap()
-            .to_owned();
+        let commands = std::fs::read_to_string(case.path("cmd")).unwrap();
+        let spec = commands.lines().next().unwrap().rsplit(' ').next().unwrap();
         let mended = case.run(&format!("sharp-bench datasets check {spec},{setting}"));
         ends(&mended, 0, "problems: 0");
     }
@@ -226,20 +215,6 @@ fn pictures_that_were_renumbered_are_noticed() {
 }
 
 #[test]
-fn depth_maps_of_other_pictures_are_named() {
-    let case = untried("X25-depth-metres-npy");
-    let shift =
-        "cd ns/depth && for i in 7 6 5 4 3 2 1; do cp view_0$((i - 1)).npy view_0$i.npy; done";
-    case.run(shift).ends_with(0);
-    let said = case.run("sharp-bench datasets check nerfstudio=ns,depth-unit=1");
-    ends(
-        &said,
-        4,
-        "pictures and depth maps are assigned incorrectly: every picture fits the depth map after its own (79.2 %",
-    );
-}
-
-#[test]
 fn poses_that_mirror_space_are_said_to() {
     let case = untried("X25-depth-metres-npy");
     let path = case.path("ns/transforms.json");
@@ -257,37 +232,13 @@ fn poses_that_mirror_space_are_said_to() {
 }
 
 #[test]
-fn a_swapped_principal_point_is_named() {
-    let case = untried("X25-depth-metres-npy");
-    case.run(
-        "sed -i 's/\"cx\": [0-9.]*/\"cx\": 24/; s/\"cy\": [0-9.]*/\"cy\": 32/' ns/transforms.json",
-    )
-    .ends_with(0);
-    let said = case.run("sharp-bench datasets check nerfstudio=ns,depth-unit=1");
-    ends(
-        &said,
-        4,
-        "the principal point (24, 32) would be centred in 64x48 if cx and cy were swapped",
-    );
-}
-
-#[test]
 fn stereo_pairs_that_contradict_themselves_are_named() {
-    for (name, cause) in [
-        (
-            "X62-mb-disp-not-scaled",
-            "disparities should be multiplied by 0.25",
-        ),
-        (
-            "X62-mb-fullsize-calib-no-wh",
-            "the principal point (311.7, 255.4) lies outside the 185x125 picture",
-        ),
-        (
-            "X63-stereo-baseline-mm",
-            "the baseline of 193 m is implausible, with a median depth of 2759 m; it may be in millimetres or centimetres",
-        ),
-        ("X63-stereo-swapped", "left and right are swapped"),
-    ] {
+    let table = "\
+X62-mb-disp-not-scaled | disparities should be multiplied by 0.25
+X62-mb-fullsize-calib-no-wh | the principal point (311.7, 255.4) lies outside the 185x125 picture
+X63-stereo-baseline-mm | the baseline of 193 m is implausible, with a median depth of 2759 m; it may be in millimetres or centimetres
+X63-stereo-swapped | left and right are swapped";
+    for [name, cause] in rows(table) {
         let case = case(name);
         ends(&case.said[0], 4, cause);
     }
@@ -309,15 +260,7 @@ fn the_reading_of_an_orientation_that_fits_is_named() {
             let file = std::fs::File::create(path.with_extension("jpg")).unwrap();
             let mut encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(file, 95);
             encoder.set_exif_metadata(exif.clone()).unwrap();
-            let (width, height) = picture.dimensions();
-            encoder
-                .write_image(
-                    picture.as_raw(),
-                    width,
-                    height,
-                    image::ExtendedColorType::Rgb8,
-                )
-                .unwrap();
+            picture.write_with_encoder(encoder).unwrap();
             std::fs::remove_file(path).unwrap();
         }
         case.run("sed -i 's/[.]png/.jpg/' ns/transforms.json")
@@ -337,24 +280,12 @@ fn the_reading_of_an_orientation_that_fits_is_named() {
 #[test]
 fn a_view_without_one_of_its_files_is_left_out_and_named() {
     let run = "sharp-bench run -q --dataset nerfstudio=ns,depth-unit=1 --method copy --metrics psnr --limit 3";
-    for (spoil, said) in [
-        (
-            "head -c 900 ns/images/view_03.png > x && mv x ns/images/view_03.png",
-            "truncated",
-        ),
-        (
-            "rm ns/images/view_03.png",
-            "1 view left out (view_03): ns/transforms.json: the picture does not exist",
-        ),
-        (
-            "rm ns/depth/view_03.npy",
-            "1 view left out (view_03): ns/transforms.json: the depth map does not exist",
-        ),
-        (
-            "head -c 900 ns/depth/view_03.npy > x && mv x ns/depth/view_03.npy",
-            "only 772 follow",
-        ),
-    ] {
+    let table = "\
+head -c 900 ns/images/view_03.png > x && mv x ns/images/view_03.png | truncated
+rm ns/images/view_03.png | 1 view left out (view_03): ns/transforms.json: the picture does not exist
+rm ns/depth/view_03.npy | 1 view left out (view_03): ns/transforms.json: the depth map does not exist
+head -c 900 ns/depth/view_03.npy > x && mv x ns/depth/view_03.npy | only 772 follow";
+    for [spoil, said] in rows(table) {
         let case = untried("X25-depth-metres-npy");
         case.run(spoil).ends_with(0);
         let check = case.run("sharp-bench datasets check nerfstudio=ns,depth-unit=1 --views 8");
@@ -364,11 +295,8 @@ fn a_view_without_one_of_its_files_is_left_out_and_named() {
         let named = ran.err.lines().filter(|line| line.contains("view_03"));
         assert_eq!(named.count(), 1, "{}", ran.err);
         assert_eq!(case.scores("r", "psnr").len(), 3);
-        let all = Case {
-            said: vec![ran],
-            ..case
-        };
-        all.is_said_everywhere("r", said.rsplit(": ").next().unwrap_or(said));
+        case.having(vec![ran])
+            .is_said_everywhere("r", said.rsplit(": ").next().unwrap_or(said));
     }
     let case = untried("X25-depth-metres-npy");
     case.run("for f in ns/depth/*.npy; do head -c 900 $f > x && mv x $f; done");
@@ -410,11 +338,8 @@ fn pairs_of_a_view_that_cannot_be_read_are_counted() {
         assert_eq!(said.code, 4, "{command}: {}", said.err);
     }
     assert_eq!(case.scores("p", "psnr"), case.scores("r", "psnr"));
-    let all = Case {
-        said: vec![said],
-        ..case
-    };
-    all.is_said_everywhere("r", "only 872 follow the header");
+    case.having(vec![said])
+        .is_said_everywhere("r", "only 872 follow the header");
 }
 
 /// If most pixels are excluded, that may be the cause of other findings.

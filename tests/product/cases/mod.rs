@@ -10,6 +10,8 @@ mod results;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use sharp_tests::copy_folder;
+
 use super::support::Said;
 
 /// A case copied into its own folder, with the output of its commands.
@@ -48,6 +50,11 @@ impl Case {
 
     /// Fails unless the manifest, the report's page and the output of some command all contain the
     /// text.
+    /// The case, as if it had run only the commands that said this.
+    pub(crate) fn having(self, said: Vec<Said>) -> Self {
+        Self { said, ..self }
+    }
+
     pub(crate) fn is_said_everywhere(&self, run: &str, text: &str) {
         assert!(self.all().contains(text), "terminal: {}", self.all());
         let manifest = std::fs::read_to_string(self.path(run).join("manifest.json")).unwrap();
@@ -64,14 +71,14 @@ pub(crate) fn case(name: &str) -> Case {
     let case = untried(name);
     let lines = std::fs::read_to_string(case.path("cmd")).unwrap();
     let said = lines.lines().map(|line| case.run(line)).collect();
-    Case { said, ..case }
+    case.having(said)
 }
 
 /// Copies a case and runs nothing.
 pub(crate) fn untried(name: &str) -> Case {
     let case = empty();
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/cases");
-    copy(&source.join(name), case.folder.path());
+    copy_folder(&source.join(name), case.folder.path()).unwrap();
     case
 }
 
@@ -80,19 +87,6 @@ pub(crate) fn empty() -> Case {
     Case {
         folder: tempfile::tempdir().unwrap(),
         said: Vec::new(),
-    }
-}
-
-fn copy(from: &Path, to: &Path) {
-    for entry in std::fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.file_type().unwrap().is_dir() {
-            std::fs::create_dir(&target).unwrap();
-            copy(&entry.path(), &target);
-        } else {
-            std::fs::copy(entry.path(), &target).unwrap();
-        }
     }
 }
 

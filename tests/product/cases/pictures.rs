@@ -4,19 +4,14 @@ use std::path::Path;
 
 use image::RgbImage;
 use image::imageops::flip_horizontal;
+use sharp_tests::rows;
 
 use super::{Case, case, empty, untried};
-use crate::support::Said;
+use crate::support::{Said, holds};
 
 /// The terminal output, both streams.
 fn both(said: &Said) -> String {
     format!("{}{}", said.out, said.err)
-}
-
-fn holds(text: &str, parts: &[&str]) {
-    for part in parts {
-        assert!(text.contains(part), "'{part}' is not in: {text}");
-    }
 }
 
 fn run_line(options: &str, out: &str) -> String {
@@ -394,11 +389,8 @@ fn a_prediction_that_is_converted_from_its_profile_says_so() {
     let stored = run(",color=as-stored", "stored");
     assert!(!stored.err.contains("profile"), "{}", stored.err);
     assert_eq!(case.scores("stored", "psnr"), ["30.910303467844745"]);
-    let all = Case {
-        said: vec![said],
-        ..case
-    };
-    all.is_said_everywhere("r", "converted from its colour profile");
+    case.having(vec![said])
+        .is_said_everywhere("r", "converted from its colour profile");
 }
 
 #[test]
@@ -453,7 +445,7 @@ fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_
         stored("bgr", "m", &swapped),
         stored("mirrored", "m", &|picture| flip_horizontal(picture)),
     ];
-    let all = Case { said, ..case };
+    let all = case.having(said);
     all.is_said_everywhere("r-bgr", "look as if they have red and blue swapped; ");
     all.is_said_everywhere("r-mirrored", "look as if they are mirrored left to right; ");
 }
@@ -474,8 +466,8 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
         "sharp:label=m,checkpoint=mini --method copy:label=c --method depth-splat:label=d --method target:label=t",
         "made",
     );
-    let mut rows = csv::Reader::from_path(case.path("made/scores.csv")).unwrap();
-    let ids = rows.records().map(|row| row.unwrap()[0].to_owned());
+    let mut scored = csv::Reader::from_path(case.path("made/scores.csv")).unwrap();
+    let ids = scored.records().map(|row| row.unwrap()[0].to_owned());
     let ids: std::collections::BTreeSet<String> = ids.collect();
     let ids: Vec<String> = ids.into_iter().collect();
     let n = ids.len();
@@ -493,8 +485,8 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
             picture.save(to).unwrap();
         }
     };
-    let stored = |to: &str, of: &str, from: &dyn Fn(usize) -> usize, level: &dyn Fn(f64) -> f64| {
-        store(to, of, from, level);
+    let stored = |to: &str, from: &dyn Fn(usize) -> usize, level: &dyn Fn(f64) -> f64| {
+        store(to, "t", from, level);
         run(&format!("imported:dir={to}"), &format!("r-{to}"))
     };
     let (own, same) = (|k: usize| k, |v: f64| v);
@@ -512,43 +504,23 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
     });
     let said = run(&poor.concat().join(" --method "), "r-poor");
     assert!(!said.err.contains("look as if"), "{}", said.err);
-    let told = [
-        (
-            "before",
-            stored("before", "t", &|k| k + n - 1, &same),
-            "the target of the pair before theirs",
-        ),
-        (
-            "after",
-            stored("after", "t", &|k| k + 1, &same),
-            "the target of the pair after theirs",
-        ),
-        (
-            "shuffled",
-            stored("shuffled", "t", &|k| 11 * k + 2, &same),
-            "the target of another pair",
-        ),
-        (
-            "halved",
-            stored("halved", "t", &own, &|v| (v + 255.0) / 2.0),
-            "have half their contrast",
-        ),
-        (
-            "clipped",
-            stored("clipped", "t", &own, &|v| 2.0 * v - 255.0),
-            "have their darker half cut off",
-        ),
-        (
-            "limited",
-            stored("limited", "t", &own, &|v| 16.0 + v * 219.0 / 255.0),
-            "have the limited range of video",
-        ),
+    let said = vec![
+        stored("before", &|k| k + n - 1, &same),
+        stored("after", &|k| k + 1, &same),
+        stored("shuffled", &|k| 11 * k + 2, &same),
+        stored("halved", &own, &|v| (v + 255.0) / 2.0),
+        stored("clipped", &own, &|v| 2.0 * v - 255.0),
+        stored("limited", &own, &|v| 16.0 + v * 219.0 / 255.0),
     ];
-    let (names, parts): (Vec<_>, Vec<_>) =
-        told.iter().map(|(name, _, part)| (*name, *part)).unzip();
-    let said = told.into_iter().map(|(_, said, _)| said).collect();
-    let all = Case { said, ..case };
-    for (name, part) in names.iter().zip(parts) {
+    let all = case.having(said);
+    let told = "\
+before | the target of the pair before theirs
+after | the target of the pair after theirs
+shuffled | the target of another pair
+halved | have half their contrast
+clipped | have their darker half cut off
+limited | have the limited range of video";
+    for [name, part] in rows(told) {
         all.is_said_everywhere(&format!("r-{name}"), part);
     }
 }
@@ -642,7 +614,7 @@ fn pictures_of_another_motion_are_told_and_poor_ones_are_not() {
             said.err
         );
     }
-    let all = Case { said, ..case };
+    let all = case.having(said);
     all.is_said_everywhere("r-sign", "move by -1.00 times the target's motion");
     all.is_said_everywhere("r-half", "move by 0.50 times the target's motion");
     all.is_said_everywhere("r-cropped", "with 1.25 times its focal length");

@@ -142,72 +142,35 @@ fn files_of_other_programs_are_evaluated_by_the_settings_of_the_docs() {
     let [a, b, c] = rows(rotation.inverse());
     let back = serde_json::json!([a, b, c, [0.0, 0.0, 0.0, 1.0]]);
     let half_turn = DAffine3::from_rotation_z(std::f64::consts::PI);
-    let inria = "seed0/point_cloud/iteration_30000/point_cloud.ply";
-    for (program, file, made, settings, expected) in [
-        (
-            "3DGS",
-            inria,
-            in_world(),
-            "space=world,rendering=inria-general,file={scene}/point_cloud/iteration_30000/point_cloud.ply",
-            of_rule(&world, "space=world,rendering=inria-general"),
-        ),
-        (
-            "gsplat",
-            "seed0.ply",
-            in_world(),
-            "space=world,rendering=gsplat-classic,file={scene}.ply",
-            classic,
-        ),
-        (
-            "nerfstudio",
-            "seed0/splat.ply",
-            moved(in_world(), turn),
-            "space=world,rendering=gsplat-classic,file={scene}/splat.ply,transform={scene}/dataparser_transforms.json",
-            classic,
-        ),
-        (
-            "brush",
-            "seed0/export_30000.ply",
-            in_world(),
-            "space=world,file={scene}/export_30000.ply",
-            of_rule(&world, "space=world,rendering=brush-mip"),
-        ),
-        (
-            "SuperSplat",
-            "seed0.ply",
-            moved(in_world(), half_turn),
-            "space=world,rendering=gsplat-classic,file={scene}.ply,axes=luf",
-            classic,
-        ),
-        (
-            "DepthSplat",
-            "seed0.ply",
-            moved(in_world(), rotation),
-            "space=world,rendering=gsplat-classic,file={scene}.ply,transform=first_camera.json",
-            classic,
-        ),
-        (
-            "ffgs",
-            "seed0.ply",
-            in_world(),
-            "space=world,rendering=gsplat-classic,file={scene}.ply",
-            classic,
-        ),
-        (
-            "NoPoSplat",
-            "synthetic/seed0/view_00__view_01.ply",
-            with_plain_opacities(camera()),
-            "opacity=linear,rendering=gsplat-classic,file={pair}.ply",
-            of_rule(&own, "rendering=gsplat-classic"),
-        ),
-        (
-            "AnySplat",
-            "seed0.ply",
-            with_plain_opacities(moved(camera(), DAffine3::from_scale(DVec3::splat(2.5)))),
-            "opacity=linear,rendering=gsplat-classic,file={scene}.ply,depth=privileged,align=pose",
-            of_rule(&own, "rendering=gsplat-classic,depth=privileged,align=pose"),
-        ),
-    ] {
+    let table = "\
+3DGS | seed0/point_cloud/iteration_30000/point_cloud.ply | space=world,rendering=inria-general,file={scene}/point_cloud/iteration_30000/point_cloud.ply
+gsplat | seed0.ply | space=world,rendering=gsplat-classic,file={scene}.ply
+nerfstudio | seed0/splat.ply | space=world,rendering=gsplat-classic,file={scene}/splat.ply,transform={scene}/dataparser_transforms.json
+brush | seed0/export_30000.ply | space=world,file={scene}/export_30000.ply
+SuperSplat | seed0.ply | space=world,rendering=gsplat-classic,file={scene}.ply,axes=luf
+DepthSplat | seed0.ply | space=world,rendering=gsplat-classic,file={scene}.ply,transform=first_camera.json
+ffgs | seed0.ply | space=world,rendering=gsplat-classic,file={scene}.ply
+NoPoSplat | synthetic/seed0/view_00__view_01.ply | opacity=linear,rendering=gsplat-classic,file={pair}.ply
+AnySplat | seed0.ply | opacity=linear,rendering=gsplat-classic,file={scene}.ply,depth=privileged,align=pose";
+    for [program, file, settings] in sharp_tests::rows(table) {
+        let in_world_by = |rule: &str| of_rule(&world, &format!("space=world,rendering={rule}"));
+        let (made, expected) = match program {
+            "3DGS" => (in_world(), in_world_by("inria-general")),
+            "nerfstudio" => (moved(in_world(), turn), classic),
+            "brush" => (in_world(), in_world_by("brush-mip")),
+            "SuperSplat" => (moved(in_world(), half_turn), classic),
+            "DepthSplat" => (moved(in_world(), rotation), classic),
+            "NoPoSplat" => {
+                let expected = of_rule(&own, "rendering=gsplat-classic");
+                (with_plain_opacities(camera()), expected)
+            }
+            "AnySplat" => {
+                let larger = moved(camera(), DAffine3::from_scale(DVec3::splat(2.5)));
+                let rule = "rendering=gsplat-classic,depth=privileged,align=pose";
+                (with_plain_opacities(larger), of_rule(&own, rule))
+            }
+            _ => (in_world(), classic),
+        };
         assert!(
             docs.contains(&format!("`{settings}`")),
             "{program}: {settings} is not in recipes.md"

@@ -311,11 +311,7 @@ done
         "TOP=$PWD; export TOP; sharp-bench run -q --dataset stereo=D --method \"command:label=m,run='sh my.sh w.txt \
          --extra=gone.pt'\" --metrics psnr --out r",
     );
-    let all = Case {
-        said: vec![said],
-        ..case
-    };
-    all.is_said_everywhere(
+    case.having(vec![said]).is_said_everywhere(
         "r",
         "names gone.pt, which looks like a file but does not exist",
     );
