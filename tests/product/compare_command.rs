@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::{Said, read, sharp_bench, words};
+use crate::support::{Said, holds, read, sharp_bench, words};
 
 const DATASET: &str = "S:synthetic=size=96x72,views=20";
 
@@ -139,12 +139,7 @@ fn where_it_changed_is_told() {
         sharp_bench(dir, &words(&line)).ends_with(0);
     }
     let said = compare(dir, &["a", "b", "--anatomy", "--out", "page", "--json"]).ends_with(0);
-    assert!(
-        said.err
-            .contains("dists compares statistics of whole pictures"),
-        "{}",
-        said.err
-    );
+    holds(&said.err, &["dists compares statistics of whole pictures"]);
     let json = said.json();
     let strata = json["breakdown"].as_array().unwrap();
     let of = |by: &str, metric: &str| -> Vec<&serde_json::Value> {
@@ -246,11 +241,9 @@ fn committed_bundles_still_say_what_was_published() {
     let (a, b) = (bundle("splat1536.zip"), bundle("splat768.zip"));
     let args = [a.as_str(), &b, "--breakdown", "--out", "page"];
     let said = compare(dir.path(), &args).ends_with(0);
-    assert!(
-        said.out
-            .contains("psnr: depth-splat (A), depth-splat (B) by scene"),
-        "{}",
-        said.out
+    holds(
+        &said.out,
+        &["psnr: depth-splat (A), depth-splat (B) by scene"],
     );
     for name in ["comparison.csv", "breakdown.csv", "pairs.csv"] {
         let read = |path: &Path| std::fs::read_to_string(path.join(name)).unwrap();
@@ -317,18 +310,8 @@ fn what_was_lost_or_damaged_is_named() {
     // Names that would be confused with something else.
     let named = |name: &str| {
         let dataset = scenes(name, 0);
-        let args = [
-            "run",
-            "--dataset",
-            &dataset,
-            "--method",
-            "copy",
-            "--metrics",
-            "psnr",
-            "--out",
-            "n",
-        ];
-        sharp_bench(dir, &args)
+        let args = words("run --method copy --metrics psnr --out n --dataset");
+        sharp_bench(dir, &[&args[..], &[&*dataset]].concat())
     };
     named("all").is_error_with(&["'all' is reserved for the mean over datasets"]);
     named("new\nline").is_usage_error_with(&["line breaks"]);

@@ -31,19 +31,9 @@ fn is_excluded(x: u32, y: u32) -> bool {
 }
 
 fn run(dir: &Path, out: &str, dataset: &str, more: &[&str]) -> Said {
-    let args = [
-        "run",
-        "--dataset",
-        dataset,
-        "--metrics",
-        "psnr",
-        "--out",
-        out,
-    ];
-    sharp_bench(
-        dir,
-        &[&args[..], &["--pair-options", "threshold=0"], more].concat(),
-    )
+    let line =
+        format!("run --dataset {dataset} --metrics psnr --out {out} --pair-options threshold=0");
+    sharp_bench(dir, &[&words(&line)[..], more].concat())
 }
 
 #[test]
@@ -53,29 +43,10 @@ fn excluded_pixels_have_no_say_in_scores() {
     own_pictures(&dir.join("own"), [1.0, -1.0, -1.0]);
     masks(&dir.join("own"));
     let masked = "nerfstudio=own,depth-unit=1,masks=apply";
-    let list = [
-        "pairs",
-        "--dataset",
-        masked,
-        "--pair-options",
-        "threshold=0",
-        "--out",
-        "p.csv",
-    ];
-    sharp_bench(dir, &list).ends_with(0);
-    let export = [
-        "pairs",
-        "export",
-        "--pairs",
-        "p.csv",
-        "--dataset",
-        masked,
-        "--with",
-        "target",
-        "--out",
-        "e",
-    ];
-    sharp_bench(dir, &export).ends_with(0);
+    let list = format!("pairs --dataset {masked} --pair-options threshold=0 --out p.csv");
+    sharp_bench(dir, &words(&list)).ends_with(0);
+    let export = format!("pairs export --pairs p.csv --dataset {masked} --with target --out e");
+    sharp_bench(dir, &words(&export)).ends_with(0);
     // The target, changed only in the excluded pixels.
     let ids: Vec<String> = read(dir.join("p.csv"))
         .lines()

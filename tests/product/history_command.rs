@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use crate::incomplete_datasets::middlebury;
-use crate::support::{Said, read, sharp_bench};
+use crate::support::{Said, holds, read, sharp_bench};
 
 fn run(dir: &Path, out: &str, method: &str, metrics: &str) {
     let method = format!("{method}:label=m");
@@ -33,11 +33,7 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
     assert_eq!(said.out, "h/0001.zip  base\n");
     // Adding the same results again, from the folder or from its bundle, does not add an entry.
     let said = add("base", &["--commit", "abc1"]).ends_with(0);
-    assert!(
-        said.out.contains("already added on 2026-01-31"),
-        "{}",
-        said.out
-    );
+    holds(&said.out, &["already added on 2026-01-31"]);
     sharp_bench(dir, &["bundle", "base", "--out", "base.zip"]).ends_with(0);
     let said = add("base.zip", &["--commit", "abc1", "--json"])
         .ends_with(0)
@@ -118,10 +114,7 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
         );
     }
     let page = read(dir.join("t.html"));
-    assert!(
-        page.contains("PSNR over entries") && page.contains("worse by 21."),
-        "{page}"
-    );
+    holds(&page, &["PSNR over entries", "worse by 21."]);
     assert!(!page.contains("<script") && !page.contains("href=\"http"));
 }
 
@@ -162,9 +155,7 @@ fn hostile_histories_end_in_one_error_or_name_their_damage() {
     std::fs::write(dir.join("h/0004.zip"), b"PK\x03\x04").unwrap();
     let said = history(dir, &["show", "h"]).ends_with(4);
     assert!(said.out.contains("psnr, M: m"), "{}", said.out);
-    for name in ["0002.zip", "0003.zip", "0004.zip"] {
-        assert!(said.err.contains(name), "{}", said.err);
-    }
+    holds(&said.err, &["0002.zip", "0003.zip", "0004.zip"]);
     let said = history(dir, &["add", "h", "r", "--label", "later"]).ends_with(4);
     assert!(said.out.starts_with("h/0005.zip"), "{}", said.out);
 }

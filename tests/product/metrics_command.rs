@@ -165,27 +165,3 @@ fn float_pictures_are_read_and_checked() {
         sharp_bench(dir.path(), &args).is_error_with(&[file, reason]);
     }
 }
-
-#[test]
-fn alpha_is_refused_and_dropped_on_request() {
-    let dir = folder();
-    let opaque = picture(0, 40, 30);
-    let glass = image::RgbaImage::from_fn(40, 30, |x, y| {
-        let [r, g, b] = opaque.get_pixel(x, y).0;
-        image::Rgba([r, g, b, (x * 6) as u8])
-    });
-    glass.save(dir.path().join("glass.png")).unwrap();
-    opaque.save(dir.path().join("opaque.png")).unwrap();
-    let args = words("metrics glass.png opaque.png --metrics psnr --json --alpha drop");
-    sharp_bench(dir.path(), &args[..6]).is_error_with(&["glass.png", "--alpha white"]);
-    let said = sharp_bench(dir.path(), &args).ends_with(0);
-    let note = &said.json()["pairs"][0]["notes"][0];
-    assert!(note.as_str().unwrap().starts_with("glass.png: its alpha"));
-    assert_eq!(said.json()["pairs"][0]["scores"]["psnr"], "inf");
-    assert!(
-        said.err.contains("glass.png: its alpha is dropped"),
-        "{}",
-        said.err
-    );
-    assert!(!said.err.contains("opaque.png"), "{}", said.err);
-}

@@ -1,6 +1,6 @@
 //! `predict`, `gaussians`, `render` and the methods that take Gaussians, on the tiny network.
 
-use crate::support::{sharp_bench as run, words};
+use crate::support::{holds, sharp_bench as run, words};
 use crate::tiny::{depth_pro, golden, recorded_input, tiny};
 
 #[test]
@@ -52,22 +52,10 @@ fn predicted_and_imported_gaussians_are_evaluated_alike() {
     let tiny = tiny();
     let sharp = format!("sharp:label=tiny,checkpoint={},config={}", tiny[1], tiny[3]);
     let privileged = format!("{sharp},depth=privileged").replace("label=tiny", "label=aligned");
-    let args = [
-        "run",
-        "--dataset",
-        "S:synthetic=size=96x72,views=20",
-        "--limit",
-        "2",
-        "--metrics",
-        "psnr",
-        "--out",
-        "r",
-        "--method",
-        &sharp,
-        "--method",
-        &privileged,
-        "--json",
-    ];
+    let fixed =
+        "run --dataset S:synthetic=size=96x72,views=20 --limit 2 --metrics psnr --out r --json";
+    let methods = ["--method", &sharp, "--method", &privileged];
+    let args = [&words(fixed)[..], &methods].concat();
     let json = run(dir.path(), &args).ends_with(0).json();
     assert_eq!(json["units"], 4);
     let mut reader = csv::Reader::from_path(dir.path().join("r/scores.csv")).unwrap();
@@ -150,17 +138,11 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
 
     let evaluate = |more: &str| {
         let method = format!("gaussians:dir=g{more}");
-        let args = [
-            "run",
-            "--dataset",
-            dataset,
-            "--metrics",
-            "psnr",
-            "--limit",
-            "1",
-        ];
-        let more = ["--method", &method, "--out", "r", "--json"];
-        run(dir.path(), &[&args[..], &more].concat())
+        let fixed = format!("run --dataset {dataset} --metrics psnr --limit 1 --out r --json");
+        run(
+            dir.path(),
+            &[&words(&fixed)[..], &["--method", &method]].concat(),
+        )
     };
     std::fs::create_dir_all(dir.path().join("g/S/seed0")).unwrap();
     for view in 0..4 {
@@ -174,11 +156,7 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
     );
     // If they are read as linear, the rendering of their own source reveals it.
     let wrong = evaluate(",color_space=linear").ends_with(0);
-    assert!(
-        wrong.err.contains("their source's photograph"),
-        "{}",
-        wrong.err
-    );
+    holds(&wrong.err, &["their source's photograph"]);
     let report = run(dir.path(), &["report", "r"]).ends_with(0);
     let page = std::fs::read_to_string(dir.path().join("r/report/index.html")).unwrap();
     assert!(page.contains("their source's photograph"), "{}", report.out);
@@ -263,11 +241,9 @@ fn depth_pro_writes_the_depth_of_a_photograph() {
     predict(&model, &["--out", "d.exr", "--depth", "png16"])
         .is_error_with(&["contradicts --depth"]);
     let said = predict(&tiny, &["--out", "x.exr"]).ends_with(1);
-    assert!(
-        said.err
-            .contains("a checkpoint of SHARP, but one of Depth Pro is needed"),
-        "{}",
-        said.err
+    holds(
+        &said.err,
+        &["a checkpoint of SHARP, but one of Depth Pro is needed"],
     );
     assert_eq!(predict(&[], &["--out", "x.exr"]).code, 2);
 
@@ -275,10 +251,6 @@ fn depth_pro_writes_the_depth_of_a_photograph() {
     let config = golden("tiny_config.json#narrow");
     let narrow = ["--checkpoint", narrow.as_str(), "--config", config.as_str()];
     let said = predict(&narrow, &["--out", "e.exr"]).ends_with(0);
-    assert!(
-        said.out.contains("focal length 729.86 px (estimated)"),
-        "{}",
-        said.out
-    );
+    holds(&said.out, &["focal length 729.86 px (estimated)"]);
     assert!(!said.err.contains("30 mm"), "{}", said.err);
 }

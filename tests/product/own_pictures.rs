@@ -9,7 +9,7 @@ use sharp_datasets::format::npy;
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 
-use crate::support::{read, sharp_bench};
+use crate::support::{holds, read, sharp_bench};
 
 /// Views of the procedural world on a wide arc, as one's own pictures with `transforms.json`;
 /// `axes` are the signs of the camera axes that the poses are written with.
@@ -83,11 +83,7 @@ fn virtual_views_are_predicted_and_not_scored() {
     let more = ["--method", "target", "--metrics", "psnr", "--out", "r"];
     // The truth itself does not exist here.
     let said = in_folder(&[&run[..], &more].concat()).ends_with(4);
-    assert!(
-        said.out.contains("without a photograph to compare with"),
-        "{}",
-        said.out
-    );
+    holds(&said.out, &["without a photograph to compare with"]);
     let scores = read(dir.path().join("r/scores.csv"));
     let copies: Vec<&str> = scores
         .lines()

@@ -191,23 +191,3 @@ fn depth_is_metres_in_floats_and_millimetres_in_sixteen_bits() {
         }
     }
 }
-
-#[test]
-fn a_configuration_of_another_stride_is_refused_as_one() {
-    let dir = tempfile::tempdir().unwrap();
-    let text = std::fs::read_to_string(golden("tiny_config.json")).unwrap();
-    let mut all: serde_json::Value = serde_json::from_str(&text).unwrap();
-    all["tiny"]["gaussian_stride"] = 4.into();
-    let config = dir.path().join("four.json");
-    std::fs::write(&config, all.to_string()).unwrap();
-    let (image, _) = recorded_input();
-    let config = format!("{}#tiny", config.display());
-    let checkpoint = golden("tiny_model.pt");
-    let model = ["--checkpoint", &checkpoint, "--config", &config];
-    let args = ["predict", &image, "--out", "p.ply"];
-    run(dir.path(), &[&args[..], &model].concat()).is_error_with(&[
-        "configuration",
-        "Gaussian stride 4",
-        "have stride 2",
-    ]);
-}

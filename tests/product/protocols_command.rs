@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::support::{Said, read, sharp_bench, words};
+use crate::support::{Said, holds, read, sharp_bench, words};
 
 const DATASET: &str = "S:synthetic=size=64x48,views=6,scenes=2";
 
@@ -69,11 +69,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     let with_list = |more: &[&str]| run(dir, &[&["--pairs", "pairs.csv"], more].concat());
     let unisharp = ["--protocol", "unisharp", "--method", "target", "--out", "u"];
     let said = with_list(&unisharp).ends_with(0);
-    assert!(
-        said.err.contains("differs from unisharp: quantisation"),
-        "{}",
-        said.err
-    );
+    holds(&said.err, &["differs from unisharp: quantisation"]);
     let manifest: Value = serde_json::from_str(&read(dir.join("u/manifest.json"))).unwrap();
     assert_eq!(manifest["aggregation"], "sources");
     assert_eq!(manifest["rules"]["mask"], "source_bounds");
@@ -119,17 +115,10 @@ fn pictures_are_seen_at_the_protocols_size() {
     let dir = dir.path();
     import(dir);
     let framed = format!("{DATASET},frame=cover:32x32:lanczos");
-    let args = [
-        "run",
-        "--dataset",
-        &framed,
-        "--pairs",
-        "pairs.csv",
-        "--metrics",
-        "psnr",
-    ];
-    let methods = ["--method", "copy", "--method", "target", "--out", "r"];
-    sharp_bench(dir, &[&args[..], &methods].concat()).ends_with(0);
+    let args = format!(
+        "run --dataset {framed} --pairs pairs.csv --metrics psnr --method copy --method target --out r"
+    );
+    sharp_bench(dir, &words(&args)).ends_with(0);
     let manifest: Value = serde_json::from_str(&read(dir.join("r/manifest.json"))).unwrap();
     // Settings are printed in alphabetical order.
     let spec = "S:synthetic=scenes=2,size=64x48,views=6,frame=cover:32x32:lanczos";
@@ -155,11 +144,7 @@ fn pictures_are_seen_at_the_protocols_size() {
         .json();
     assert_eq!(list.as_array().unwrap().len(), 15);
     let one = sharp_bench(dir, &["protocols", "lvsm"]).ends_with(0);
-    assert!(
-        one.out.contains("bfloat16") && one.out.contains("cover8:256x256:lanczos"),
-        "{}",
-        one.out
-    );
+    holds(&one.out, &["bfloat16", "cover8:256x256:lanczos"]);
 }
 
 /// Sizes of all predicted pictures below a folder.

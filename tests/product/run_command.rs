@@ -66,40 +66,6 @@ fn scores_have_the_promised_columns_and_the_target_is_perfect() {
 }
 
 #[test]
-fn bytes_do_not_depend_on_threads_or_on_being_stopped_in_between() {
-    let dir = tempfile::tempdir().unwrap();
-    let methods = ["--method", "depth-splat:resolution=256", "--method", "copy"];
-    let with = |out: &str, more: &[&str]| {
-        run(dir.path(), out, &[&methods[..], more].concat()).ends_with(0)
-    };
-    with("one", &["--threads", "1"]);
-    with("three", &["--threads", "3"]);
-    let scores = read(dir.path().join("one/scores.csv"));
-    assert_eq!(scores, read(dir.path().join("three/scores.csv")));
-    assert_eq!(
-        read(dir.path().join("one/pairs.csv")),
-        read(dir.path().join("three/pairs.csv"))
-    );
-
-    // The state after a kill: some units exist, but the tables do not.
-    std::fs::remove_file(dir.path().join("three/scores.csv")).unwrap();
-    let units = dir.path().join("three/units");
-    let mut files: Vec<_> = std::fs::read_dir(&units)
-        .unwrap()
-        .flat_map(|d| std::fs::read_dir(d.unwrap().path()).unwrap())
-        .map(|f| f.unwrap().path())
-        .collect();
-    files.sort();
-    assert_eq!(files.len(), 8);
-    for file in &files[..3] {
-        std::fs::remove_file(file).unwrap();
-    }
-    let json = with("three", &["--json"]).json();
-    assert_eq!(json["reused"], 5);
-    assert_eq!(scores, read(dir.path().join("three/scores.csv")));
-}
-
-#[test]
 fn a_failing_pair_is_recorded_and_the_others_go_on() {
     let dir = tempfile::tempdir().unwrap();
     run(dir.path(), "truth", &["--method", "target"]).ends_with(0);

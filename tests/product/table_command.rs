@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::{sharp_bench, words};
+use crate::support::{holds, sharp_bench, words};
 use crate::tiny::golden;
 
 /// Middlebury's Motorcycle at quarter size.
@@ -76,10 +76,7 @@ fn rows_of_ones_own_stand_below_the_published_ones() {
         "{html}"
     );
     let tex = read("psnr-ssim.tex");
-    assert!(
-        tex.contains(r"\textless{}b\textgreater{}a\_1 \& 5 \%"),
-        "{tex}"
-    );
+    holds(&tex, &[r"\textless{}b\textgreater{}a\_1 \& 5 \%"]);
     assert!(tex.matches("\\midrule").count() == 2, "{tex}");
     let csv = read("psnr-ssim.csv");
     assert!(
@@ -138,16 +135,8 @@ fn tables_that_are_no_scores_take_rows_too() {
     let picture = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../tests/fixtures/middeval3/trainingQ/Motorcycle/im0.png");
     let picture = picture.display().to_string();
-    let args = [
-        "analyze",
-        "translation",
-        &picture,
-        "--metrics",
-        "paper",
-        "--out",
-        "moved",
-    ];
-    sharp_bench(dir, &args).ends_with(0);
+    let args = words("analyze translation --metrics paper --out moved");
+    sharp_bench(dir, &[&args[..], &[&*picture]].concat()).ends_with(0);
     let args = words("table metrics_comparison --row here=moved --json");
     let json = sharp_bench(dir, &args).ends_with(0).json();
     let cells = json["cells"].as_array().unwrap();
@@ -279,10 +268,7 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
     assert_ne!(of("psnr", "border cropped", pairs), scored);
     assert_eq!(run["cells"].as_array().unwrap().len(), 2);
     let text = explain(&[]).ends_with(0).out;
-    assert!(
-        text.contains("right=im1E") && text.contains("verdict"),
-        "{text}"
-    );
+    holds(&text, &["right=im1E", "verdict"]);
     let title = "depth-splat of run, compared with SHARP (ours) in psnr-ssim";
     assert!(text.starts_with(title), "{text}");
     // The run folder is unchanged, and a repetition writes the same files.
@@ -302,14 +288,8 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
     let args = [&args[..], &["--metrics", "psnr", "--out", "itself"]].concat();
     sharp_bench(dir, &args).ends_with(0);
     let itself = dir.join("itself").display().to_string();
-    let args = [
-        "explain",
-        "psnr-ssim",
-        &itself,
-        "--metrics",
-        "psnr",
-        "--json",
-    ];
+    let args = words("explain psnr-ssim --metrics psnr --json");
+    let args = [&args[..], &[&*itself]].concat();
     let json = sharp_bench(dir, &args).ends_with(0).json();
     let cell = &json["runs"][0]["cells"][0];
     assert_eq!(

@@ -131,22 +131,6 @@ fn the_first_stage_that_diverges_is_named() {
 }
 
 #[test]
-fn a_recording_of_ours_is_reproduced() {
-    let dir = tempfile::tempdir().unwrap();
-    let (image, _) = recorded_input();
-    let tiny = tiny();
-    let model: Vec<&str> = tiny.iter().map(String::as_str).collect();
-    let input = ["--image", &image, "--focal-px", "400"];
-    let record = ["record", "--out", "rec.safetensors"];
-    run(dir.path(), &[&record[..], &input, &model].concat()).ends_with(0);
-    let parity = words("parity --golden rec.safetensors --tolerance 0 --json");
-    let json = run(dir.path(), &[&parity[..], &input, &model].concat())
-        .ends_with(0)
-        .json();
-    assert!(json["stages"].as_array().unwrap().len() > 80);
-}
-
-#[test]
 fn a_device_that_this_build_lacks_is_an_error_that_says_how_to_get_it() {
     let dir = tempfile::tempdir().unwrap();
     for (device, built) in [

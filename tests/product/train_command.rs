@@ -24,21 +24,12 @@ fn config(folder: &Path) -> String {
     text
 }
 
-fn arguments(out: &str) -> [&str; 12] {
-    [
-        "train",
-        "t.toml",
-        "--out",
-        out,
-        "--validation",
-        "synthetic=size=64x48,views=20",
-        "--validation-pairs",
-        "1",
-        "--metrics",
-        "psnr",
-        "--json",
-        "--quiet",
-    ]
+fn arguments(out: &str) -> Vec<&str> {
+    let mut arguments = words(
+        "train t.toml --validation synthetic=size=64x48,views=20 --validation-pairs 1 --metrics psnr --json --quiet",
+    );
+    arguments.extend(["--out", out]);
+    arguments
 }
 
 fn train(folder: &Path, out: &str) -> Said {
@@ -184,18 +175,8 @@ fn what_cannot_be_trained_is_one_clear_error() {
     let learnt = [&seen[..], &["--set", &data]].concat();
     sharp_bench(dir.path(), &learnt).is_usage_error_with(&["Motorcycle", "this training run uses"]);
     let data = format!("stage2.data={{ photographs = \"{bundled}/Motorcycle-quarter\" }}");
-    let learnt = [
-        &seen[..],
-        &[
-            "--set",
-            "stage2.steps=1",
-            "--set",
-            "stage2.schedule.warmup_steps=0",
-            "--set",
-            &data,
-        ],
-    ]
-    .concat();
+    let steps = words("--set stage2.steps=1 --set stage2.schedule.warmup_steps=0");
+    let learnt = [&seen[..], &steps, &["--set", &data]].concat();
     sharp_bench(dir.path(), &learnt)
         .is_usage_error_with(&["photographs", "this training run uses"]);
 }

@@ -1,5 +1,7 @@
 //! Resized and cropped pictures.
 
+use sharp_tests::holds;
+
 use super::*;
 
 #[test]
@@ -20,11 +22,7 @@ fn pictures_of_another_size_are_resized_by_a_named_kernel_only() {
          --method imported:label=large,dir=large,resize=lanczos",
     );
     let said = run(dir, "r", &methods).ends_with(4);
-    assert!(
-        said.out.contains("were resized (`bicubic`) before scoring"),
-        "{}",
-        said.out
-    );
+    holds(&said.out, &["were resized (`bicubic`) before scoring"]);
     let found = scores(dir, "r");
     for (cubic, linear) in found["cubic"].iter().zip(&found["linear"]) {
         assert_eq!(cubic["predicted_width"], "48");
@@ -81,29 +79,14 @@ fn cropped_pictures_are_scored_on_the_equally_cropped_truth() {
         )
         .unwrap();
     }
-    let square = "imported:label=square,dir=square,crop=center:1:1";
-    let methods = [
-        "--limit",
-        "2",
-        "--method",
-        square,
-        "--method",
-        "imported:label=own,dir=square,crop=center",
-        "--method",
-        "imported:label=left,dir=left,crop=sidecar",
-        "--method",
-        "imported:label=fixed,dir=left,crop=0:0:48:72",
-        "--method",
-        "imported:label=shifted,dir=left,crop=1:0:48:72",
-        "--method",
-        "copy",
-    ];
-    let said = run(dir, "r", &methods).ends_with(0);
-    assert!(
-        said.out.contains("square on S: cropped; 2 of 2 pairs"),
-        "{}",
-        said.out
+    let methods = words(
+        "--limit 2 --method imported:label=square,dir=square,crop=center:1:1 \
+         --method imported:label=own,dir=square,crop=center --method imported:label=left,dir=left,crop=sidecar \
+         --method imported:label=fixed,dir=left,crop=0:0:48:72 \
+         --method imported:label=shifted,dir=left,crop=1:0:48:72 --method copy",
     );
+    let said = run(dir, "r", &methods).ends_with(0);
+    holds(&said.out, &["square on S: cropped; 2 of 2 pairs"]);
     let found = scores(dir, "r");
     // Every level is off by one, so PSNR is 20 log10 255.
     let off_by_one = 20.0 * 255_f64.log10();
@@ -127,20 +110,11 @@ fn cropped_pictures_are_scored_on_the_equally_cropped_truth() {
     assert!(report.out.contains("index.html"));
 
     // All methods are scored on the part that all of them show: columns 12 to 47.
-    let common = [
-        &methods[..6],
-        &["--method", "imported:label=left,dir=left,crop=sidecar"],
-    ]
-    .concat();
-    let common: Vec<&str> = common
-        .into_iter()
-        .filter(|a| *a != "imported:label=own,dir=square,crop=center")
-        .collect();
-    let mut args: Vec<&str> = common[..common.len() - 3].to_vec();
-    args.extend(words(
-        "--method imported:label=left,dir=left,crop=sidecar --method copy",
-    ));
-    run(dir, "c", &[&args[..], &["--common-region"]].concat()).ends_with(0);
+    let methods = words(
+        "--limit 2 --method imported:label=square,dir=square,crop=center:1:1 \
+         --method imported:label=left,dir=left,crop=sidecar --method copy --common-region",
+    );
+    run(dir, "c", &methods).ends_with(0);
     let found = scores(dir, "c");
     for rows in found.values() {
         for row in rows {

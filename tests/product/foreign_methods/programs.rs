@@ -1,5 +1,7 @@
 //! An external program that receives one request per pair.
 
+use sharp_tests::holds;
+
 use super::*;
 
 /// A shell program that returns the source, or misbehaves, depending on the number of pairs requested so far.
@@ -152,11 +154,7 @@ fn programs_that_are_not_there_fail_pair_by_pair() {
     let method = words("--method command:run=no-such-program-here --limit 2");
     run(dir.path(), "r", &method).ends_with(4);
     for row in &scores(dir.path(), "r")["command"] {
-        assert!(
-            row["reason"].contains("no-such-program-here"),
-            "{}",
-            row["reason"]
-        );
+        holds(&row["reason"], &["no-such-program-here"]);
     }
     for (method, part) in [
         ("command", "run="),
@@ -395,11 +393,7 @@ fn shards_start_a_program_only_with_leave() {
         status.unwrap().status.success()
     };
     let said = sharp_bench(dir, &scale).ends_with(0);
-    assert!(
-        said.err.contains("again with --allow-programs"),
-        "{}",
-        said.err
-    );
+    holds(&said.err, &["again with --allow-programs"]);
     assert!(!script("pictures.sbatch", "1") && !dir.join("r/units").exists());
     let allowed = [&scale[..], &["--allow-programs"]].concat();
     let said = sharp_bench(dir, &allowed).ends_with(0);

@@ -1,5 +1,7 @@
 //! The best of several scales.
 
+use sharp_tests::holds;
+
 use super::*;
 
 #[test]
@@ -20,11 +22,7 @@ fn the_best_of_several_scales_is_chosen_by_dists_and_said() {
     run(dir, "r", &sweep).is_usage_error_with(&["--scale-sweep"]);
     let args = [&sweep[..], &["--scale-sweep"]].concat();
     let said = run(dir, "r", &args).ends_with(0);
-    assert!(
-        said.out.contains("best of 3 scales by DISTS"),
-        "{}",
-        said.out
-    );
+    holds(&said.out, &["best of 3 scales by DISTS"]);
     let found = scores(dir, "r");
     let chosen: Vec<&str> = found["lvsm"]
         .iter()
@@ -85,11 +83,7 @@ done
     let told = "command:label=told,run='sh my.sh',scales=0.5+1+2,depth=privileged";
     let methods = ["--method", plain, "--method", told, "--limit", "2"];
     let said = run(dir, "r", &[&methods[..], &["--scale-sweep"]].concat()).ends_with(0);
-    assert!(
-        said.out.contains("best of 3 scales by DISTS"),
-        "{}",
-        said.out
-    );
+    holds(&said.out, &["best of 3 scales by DISTS"]);
     let found = scores(dir, "r");
     for (method, told) in [("command", "0"), ("told", "1")] {
         for (row, best) in found[method].iter().zip(["0.5", "2"]) {

@@ -83,17 +83,8 @@ fn exports_that_cannot_work_say_why() {
     let dir = tempfile::tempdir().unwrap();
     build(dir.path(), "p.csv", &["--pair-options", "limit=0"]).ends_with(4);
     let export = |dataset: &str, out: &str| {
-        let args = [
-            "pairs",
-            "export",
-            "--pairs",
-            "p.csv",
-            "--dataset",
-            dataset,
-            "--out",
-            out,
-        ];
-        sharp_bench(dir.path(), &args)
+        let args = format!("pairs export --pairs p.csv --dataset {dataset} --out {out}");
+        sharp_bench(dir.path(), &words(&args))
     };
     export(SYNTHETIC, "e").is_error_with(&["p.csv", "selected", "--all"]);
     export("T:synthetic=size=96x72,views=12", "e").is_error_with(&["p.csv:2", "'S'"]);

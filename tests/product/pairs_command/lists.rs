@@ -214,19 +214,6 @@ fn choices_that_differ_from_the_paper_are_marked() {
     assert_eq!(choices.unwrap()["options"]["threshold"], "0.5");
 }
 
-#[test]
-fn help_lists_what_each_choice_may_be() {
-    let dir = tempfile::tempdir().unwrap();
-    let said = sharp_bench(dir.path(), &["pairs", "--help-all"]).ends_with(0);
-    for part in [
-        "sets           consecutive, strided, whole, random:SEED\n",
-        "limit          all or a number\n                 default 512; maximum number of",
-        "at-threshold   out, in\n                 default out; ",
-    ] {
-        assert!(said.out.contains(part), "{}", said.out);
-    }
-}
-
 /// A list as an editor on another system may store it.
 #[test]
 fn a_list_with_other_bytes_is_copied_as_it_is() {

@@ -156,23 +156,10 @@ fn a_checkpoint_decides_overlap_and_is_not_judged_on_its_own_choice() {
         "{depth}"
     );
     let method = format!("sharp:checkpoint={model},config={config}");
-    let run = [
-        "run",
-        "--dataset",
-        SYNTHETIC,
-        "--pairs",
-        "p.csv",
-        "--metrics",
-        "psnr",
-        "--limit",
-        "1",
-        "--method",
-        &method,
-        "--method",
-        "copy",
-        "--out",
-        "r",
-    ];
+    let run = format!(
+        "run --dataset {SYNTHETIC} --pairs p.csv --metrics psnr --limit 1 --out r --method copy"
+    );
+    let run = [&words(&run)[..], &["--method", &method]].concat();
     sharp_bench(dir.path(), &run).is_error_with(&["checkpoint of method 'sharp'"]);
     // Without the official file, no other checkpoint is used instead.
     let absent = words("--pair-options overlap=sharp-release --overlap-checkpoint no.pt");

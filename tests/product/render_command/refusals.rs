@@ -6,97 +6,60 @@ use super::*;
 fn what_cannot_be_rendered_is_one_line() {
     let dir = folder();
     let dir = dir.path();
-    let fails = |args: &[&str], parts: &[&str]| render(dir, args).is_error_with(parts);
-    let usage = |args: &[&str], part: &str| {
-        let said = render(dir, args).ends_with(2);
+    let fails = |line: &str, parts: &[&str]| render(dir, &words(line)).is_error_with(parts);
+    let usage = |line: &str, part: &str| {
+        let said = render(dir, &words(line)).ends_with(2);
         assert!(said.err.contains(part), "{}", said.err);
     };
     // Cameras.
-    for (name, text, part) in [
-        (
-            "nan.json",
-            r#"{"width":4,"height":4,"K":[NaN,0,2,0,5,2,0,0,1],"camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}"#,
-            "line 1",
-        ),
-        (
-            "huge.json",
-            r#"{"width":4,"height":4,"K":[5,0,2,0,5,2,0,0,1],"camera_from_world":[1e999,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}"#,
-            "range",
-        ),
-        (
-            "flat.json",
-            r#"{"width":4,"height":4,"K":[0,0,2,0,5,2,0,0,1],"camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}"#,
-            "fx 0",
-        ),
-        (
-            "empty.json",
-            r#"{"width":0,"height":4,"K":[5,0,2,0,5,2,0,0,1],"camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}"#,
-            "0x4",
-        ),
-        (
-            "vast.json",
-            r#"{"width":60000,"height":20000,"K":[5,0,2,0,5,2,0,0,1],"camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}"#,
-            "60000x20000 exceeds the maximum of 268435456 pixels",
-        ),
-        (
-            "wide.json",
-            r#"{"width":70000,"height":4,"K":[5,0,2,0,5,2,0,0,1],"camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}"#,
-            "70000",
-        ),
-    ] {
+    let table = "\
+nan.json | 4x4 | NaN | 1 | line 1
+huge.json | 4x4 | 5 | 1e999 | range
+flat.json | 4x4 | 0 | 1 | fx 0
+empty.json | 0x4 | 5 | 1 | 0x4
+vast.json | 60000x20000 | 5 | 1 | 60000x20000 exceeds the maximum of 268435456 pixels
+wide.json | 70000x4 | 5 | 1 | 70000";
+    for [name, size, fx, turn, part] in sharp_tests::rows(table) {
+        let (width, height) = size.split_once('x').unwrap();
+        let text = format!(
+            r#"{{"width":{width},"height":{height},"K":[{fx},0,2,0,5,2,0,0,1],
+                "camera_from_world":[{turn},0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}}"#
+        );
         std::fs::write(dir.join(name), text).unwrap();
         let file = if name == "wide.json" {
             "scene.ply"
         } else {
             name
         };
-        fails(&["--camera", name, "--out", "x.png"], &[file, part]);
+        fails(&format!("--camera {name} --out x.png"), &[file, part]);
     }
-    fails(
-        &["--camera", "absent.json", "--out", "x.png"],
-        &["absent.json"],
-    );
+    fails("--camera absent.json --out x.png", &["absent.json"]);
     // Outputs.
     std::fs::write(dir.join("file"), "x").unwrap();
-    fails(&["--out", "file/x.png"], &["file/x.png"]);
-    fails(
-        &["--trajectory", "swipe", "--out", "file/frames"],
-        &["file/frames"],
-    );
-    fails(
-        &["--trajectory", "swipe", "--out", "file/x.gif"],
-        &["file/x.gif"],
-    );
-    fails(&["--out", "x.jpg"], &["x.jpg", ".png"]);
-    fails(&["--out", "frames"], &["frames", "--trajectory"]);
-    fails(&["--out", "x.gif"], &["x.gif", "--trajectory"]);
-    fails(
-        &["--trajectory", "swipe", "--out", "x.png"],
-        &["x.png", "60"],
-    );
-    fails(&["--fps", "30", "--out", "x.png"], &["--fps"]);
-    fails(
-        &["--trajectory", "swipe", "--fps", "60", "--out", "x.gif"],
-        &["x.gif", "50"],
-    );
-    fails(&["--near", "0", "--out", "x.png"], &["scene.ply", "near 0"]);
+    fails("--out file/x.png", &["file/x.png"]);
+    fails("--trajectory swipe --out file/frames", &["file/frames"]);
+    fails("--trajectory swipe --out file/x.gif", &["file/x.gif"]);
+    fails("--out x.jpg", &["x.jpg", ".png"]);
+    fails("--out frames", &["frames", "--trajectory"]);
+    fails("--out x.gif", &["x.gif", "--trajectory"]);
+    fails("--trajectory swipe --out x.png", &["x.png", "60"]);
+    fails("--fps 30 --out x.png", &["--fps"]);
+    fails("--trajectory swipe --fps 60 --out x.gif", &["x.gif", "50"]);
+    fails("--near 0 --out x.png", &["scene.ply", "near 0"]);
     // Values that the options do not accept.
-    usage(&["--trajectory", "spiral", "--out", "f"], "rotate_forward");
-    usage(
-        &["--trajectory", "swipe", "--frames", "0", "--out", "f"],
-        "--frames",
-    );
-    usage(&["--frames", "5", "--out", "f"], "--trajectory");
-    usage(&["--offset-m", "1,2", "--out", "x.png"], "X,Y,Z");
-    usage(&["--eps2d=-1", "--out", "x.png"], "eps2d");
-    usage(&["--background", "grey", "--out", "x.png"], "#RRGGBB");
-    usage(&["--layer", "2", "--out", "x.png"], "all");
+    usage("--trajectory spiral --out f", "rotate_forward");
+    usage("--trajectory swipe --frames 0 --out f", "--frames");
+    usage("--frames 5 --out f", "--trajectory");
+    usage("--offset-m 1,2 --out x.png", "X,Y,Z");
+    usage("--eps2d=-1 --out x.png", "eps2d");
+    usage("--background grey --out x.png", "#RRGGBB");
+    usage("--layer 2 --out x.png", "all");
     // Without a Gaussian in front of the camera, the size of a path is undefined, and a view is
     // empty.
     let behind = r#"{"width":8,"height":8,"K":[8,0,4,0,8,4,0,0,1],"camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,-9,0,0,0,1]}"#;
     std::fs::write(dir.join("behind.json"), behind).unwrap();
     fails(
-        &words("--camera behind.json --trajectory swipe --out f"),
+        "--camera behind.json --trajectory swipe --out f",
         &["scene.ply", "in front"],
     );
     render(
