@@ -1,127 +1,39 @@
 //! External programs that misbehave.
 
+use sharp_tests::words;
+
 use super::case::{Case, Verdict};
 use super::oracle::{Known, judge_run, rows, same};
 
-/// Behaviours of a program for a pair, and whether it still returns the source.
-const DEEDS: [(&str, &str, bool); 28] = [
-    ("is silent", "sleep 1000", false),
-    (
-        "is silent and ignores signals",
-        "trap '' TERM INT HUP; sleep 1000",
-        false,
-    ),
-    ("crashes", "exit 3", false),
-    ("is killed", "kill -s KILL $$", false),
-    ("ends successfully without an answer", "exit 0", false),
-    ("answers with text that is not JSON", "echo hello", false),
-    (
-        "answers with bytes that are not text",
-        "printf '\\377\\376\\n'",
-        false,
-    ),
-    (
-        "answers for another pair",
-        "echo '{\"pair_id\":\"S/x/a__b\"}'",
-        false,
-    ),
-    ("answers before the picture exists", "answer", false),
-    (
-        "answers twice",
-        "cp \"$source\" \"$to\"; answer; answer",
-        true,
-    ),
-    (
-        "answers with a line that never ends",
-        "head -c 3000000 /dev/zero | tr '\\0' x; echo",
-        false,
-    ),
-    (
-        "answers with deeply nested JSON",
-        "head -c 200000 /dev/zero | tr '\\0' '['; echo",
-        false,
-    ),
-    (
-        "answers a long error",
-        "printf '{\"pair_id\":\"%s\",\"error\":\"' \"$id\"; head -c 900000 /dev/zero | tr '\\0' e; echo '\"}'",
-        false,
-    ),
-    (
-        "answers with an error that reverses the direction of text",
-        "printf '{\"pair_id\":\"%s\",\"error\":\"\\\\u001b[31m\\\\u202e=1+1\"}\\n' \"$id\"",
-        false,
-    ),
-    (
-        "answers with an extra that is not a number",
-        "cp \"$source\" \"$to\"; echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"extras\\\":{\\\"a\\\":NaN}}\"",
-        false,
-    ),
-    (
-        "answers with an extra that exceeds f64",
-        "cp \"$source\" \"$to\"; echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"extras\\\":{\\\"a\\\":1e999}}\"",
-        false,
-    ),
-    (
-        "gives /dev/zero as its picture",
-        "echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"picture\\\":\\\"/dev/zero\\\"}\"",
-        false,
-    ),
-    (
-        "gives a folder as its picture",
-        "echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"picture\\\":\\\"/\\\"}\"",
-        false,
-    ),
-    (
-        "returns half a picture",
-        "head -c 900 \"$source\" > \"$to\"; answer",
-        false,
-    ),
-    (
-        "returns a picture of another size",
-        "cp small.png \"$to\"; answer",
-        false,
-    ),
-    (
-        "returns a page of HTML",
-        "echo '<html></html>' > \"$to\"; answer",
-        false,
-    ),
-    (
-        "floods standard error",
-        "head -c 30000000 /dev/zero | tr '\\0' '\\n' >&2; cp \"$source\" \"$to\"; answer",
-        true,
-    ),
-    (
-        "floods standard error without line ends",
-        "head -c 30000000 /dev/zero >&2; cp \"$source\" \"$to\"; answer",
-        true,
-    ),
-    (
-        "floods standard output",
-        "cp \"$source\" \"$to\"; answer; yes",
-        true,
-    ),
-    (
-        "overwrites its source",
-        "cp \"$source\" \"$to\"; cp small.png \"$source\"; answer",
-        true,
-    ),
-    (
-        "removes its source's folder",
-        "cp \"$source\" \"$to\"; answer; rm -rf \"$(dirname \"$source\")\"",
-        true,
-    ),
-    (
-        "leaves a process behind",
-        "cp \"$source\" \"$to\"; sleep 1000 & answer",
-        true,
-    ),
-    (
-        "closes its outputs and keeps running",
-        "exec >&- 2>&-; sleep 1000",
-        false,
-    ),
-];
+/// Behaviours of a program for a pair: what it does, and how. A star marks those that still return the source.
+const DEEDS: &str = r#"is silent: sleep 1000
+is silent and ignores signals: trap '' TERM INT HUP; sleep 1000
+crashes: exit 3
+is killed: kill -s KILL $$
+ends successfully without an answer: exit 0
+answers with text that is not JSON: echo hello
+answers with bytes that are not text: printf '\377\376\n'
+answers for another pair: echo '{"pair_id":"S/x/a__b"}'
+answers before the picture exists: answer
+* answers twice: cp "$source" "$to"; answer; answer
+answers with a line that never ends: head -c 3000000 /dev/zero | tr '\0' x; echo
+answers with deeply nested JSON: head -c 200000 /dev/zero | tr '\0' '['; echo
+answers a long error: printf '{"pair_id":"%s","error":"' "$id"; head -c 900000 /dev/zero | tr '\0' e; echo '"}'
+answers with an error that reverses the direction of text: printf '{"pair_id":"%s","error":"\\u001b[31m\\u202e=1+1"}\n' "$id"
+answers with an extra that is not a number: cp "$source" "$to"; echo "{\"pair_id\":\"$id\",\"extras\":{\"a\":NaN}}"
+answers with an extra that exceeds f64: cp "$source" "$to"; echo "{\"pair_id\":\"$id\",\"extras\":{\"a\":1e999}}"
+gives /dev/zero as its picture: echo "{\"pair_id\":\"$id\",\"picture\":\"/dev/zero\"}"
+gives a folder as its picture: echo "{\"pair_id\":\"$id\",\"picture\":\"/\"}"
+returns half a picture: head -c 900 "$source" > "$to"; answer
+returns a picture of another size: cp small.png "$to"; answer
+returns a page of HTML: echo '<html></html>' > "$to"; answer
+* floods standard error: head -c 30000000 /dev/zero | tr '\0' '\n' >&2; cp "$source" "$to"; answer
+* floods standard error without line ends: head -c 30000000 /dev/zero >&2; cp "$source" "$to"; answer
+* floods standard output: cp "$source" "$to"; answer; yes
+* overwrites its source: cp "$source" "$to"; cp small.png "$source"; answer
+* removes its source's folder: cp "$source" "$to"; answer; rm -rf "$(dirname "$source")"
+* leaves a process behind: cp "$source" "$to"; sleep 1000 & answer
+closes its outputs and keeps running: exec >&- 2>&-; sleep 1000"#;
 
 const HEAD: &str = r#"
 echo $$ >> pids
@@ -133,7 +45,12 @@ while IFS= read -r line; do
 "#;
 
 pub(crate) fn programs(case: &mut Case) -> Result<Verdict, String> {
-    let (what, deed, hands_back) = *case.random.pick(&DEEDS);
+    let deeds: Vec<&str> = DEEDS.lines().collect();
+    let (what, deed) = case.random.pick(&deeds).split_once(": ").unwrap();
+    let (what, hands_back) = match what.strip_prefix("* ") {
+        Some(what) => (what, true),
+        None => (what, false),
+    };
     // From the first pair on, or after a successful one.
     let from = 1 + case.random.below(2);
     let script = format!(
@@ -147,22 +64,11 @@ pub(crate) fn programs(case: &mut Case) -> Result<Verdict, String> {
     case.note(format!("from pair {from} on the program {what}"), "p.sh");
     case.may_name("/dev/zero");
     case.may_name("/: ");
-    let said = case.run(&[
-        "run",
-        "--dataset",
-        "S:synthetic=size=32x24,views=4",
-        "--metrics",
-        "psnr",
-        "--no-cache",
-        "--limit",
-        "3",
-        "--method",
-        "command:label=mine,run='sh p.sh',timeout=1",
-        "--method",
-        "copy",
-        "--out",
-        "r",
-    ])?;
+    let mut args =
+        words("run --dataset S:synthetic=size=32x24,views=4 --metrics psnr --no-cache --limit 3");
+    args.extend(["--method", "command:label=mine,run='sh p.sh',timeout=1"]);
+    args.extend(["--method", "copy", "--out", "r"]);
+    let said = case.run(&args)?;
     let found = rows(&case.path("r/scores.csv"))?;
     let copies: Vec<_> = found.iter().filter(|row| row["method"] == "copy").collect();
     let verdict = judge_run(case, &said, "r", &|row| {

@@ -19,123 +19,47 @@ pub(crate) use catalogue::FILES as DATASET_FILES;
 pub(crate) struct Parser {
     pub name: &'static str,
     pub run: fn(&[u8]),
-    /// Files of `tests/fixtures/edge` and `gaussian_formats` with one of these endings are its
+    /// Files of `tests/fixtures/edge` and `gaussian_formats` with one of these endings, separated by spaces, are its
     /// seeds.
-    pub seeds: &'static [&'static str],
+    pub seeds: &'static str,
 }
 
 pub(crate) const PARSERS: &[Parser] = &[
-    Parser {
-        name: "pfm",
-        run: pfm,
-        seeds: &[".pfm"],
-    },
-    Parser {
-        name: "npy",
-        run: npy,
-        seeds: &[".npy", ".npz"],
-    },
-    Parser {
-        name: "picture",
-        run: picture,
-        seeds: &[".png", ".jpg", ".jpeg", "orient6.JPG"],
-    },
-    Parser {
-        name: "depth_png",
-        run: depth_png,
-        seeds: &["gray16_depth_mm.png"],
-    },
-    Parser {
-        name: "raw_floats",
-        run: raw_floats,
-        seeds: &["6x4.JPG"],
-    },
-    Parser {
-        name: "exr_depth",
-        run: exr_depth,
-        seeds: &[".exr"],
-    },
-    Parser {
-        name: "ply_points",
-        run: ply_points,
-        seeds: &[".ply"],
-    },
-    Parser {
-        name: "calib",
-        run: calib,
-        seeds: &["calib_crlf.txt", "calib_bom_spaces.txt"],
-    },
-    Parser {
-        name: "opencv_xml",
-        run: opencv_xml,
-        seeds: &[".xml"],
-    },
-    Parser {
-        name: "transforms",
-        run: transforms,
-        seeds: &[".json"],
-    },
-    Parser {
-        name: "trajectory",
-        run: trajectory,
-        seeds: &[".log", "cam_poses_gap.txt"],
-    },
-    Parser {
-        name: "colmap_text",
-        run: colmap_text,
-        seeds: &["images_spaces.txt", "images_exponent.txt"],
-    },
-    Parser {
-        name: "colmap_binary",
-        run: colmap_binary,
-        seeds: &[".bin"],
-    },
-    Parser {
-        name: "catalogue",
-        run: catalogue::catalogue,
-        seeds: &[],
-    },
-    Parser {
-        name: "gaussian_ply",
-        run: gaussian_ply,
-        seeds: &[],
-    },
-    Parser {
-        name: "gaussian_files",
-        run: gaussian_files,
-        seeds: &[".spz", ".sog", ".splat", ".compressed.ply"],
-    },
-    Parser {
-        name: "checkpoint",
-        run: checkpoint,
-        seeds: &[],
-    },
-    Parser {
-        name: "pair_list",
-        run: pair_list,
-        seeds: &[],
-    },
-    Parser {
-        name: "photo",
-        run: photo,
-        seeds: &[".png", ".jpg", ".jpeg", "orient6.JPG"],
-    },
-    Parser {
-        name: "prediction",
-        run: prediction,
-        seeds: &[".png", ".jpg", ".exr", ".npy"],
-    },
-    Parser {
-        name: "scene_arrays",
-        run: scene_arrays,
-        seeds: &[],
-    },
-    Parser {
-        name: "camera_file",
-        run: camera_file,
-        seeds: &[],
-    },
+    parser("pfm", pfm, ".pfm"),
+    parser("npy", npy, ".npy .npz"),
+    parser("picture", picture, ".png .jpg .jpeg orient6.JPG"),
+    parser("depth_png", depth_png, "gray16_depth_mm.png"),
+    parser("raw_floats", raw_floats, "6x4.JPG"),
+    parser("exr_depth", exr_depth, ".exr"),
+    parser("ply_points", ply_points, ".ply"),
+    parser("calib", calib, "calib_crlf.txt calib_bom_spaces.txt"),
+    parser("opencv_xml", opencv_xml, ".xml"),
+    parser("transforms", transforms, ".json"),
+    parser("trajectory", trajectory, ".log cam_poses_gap.txt"),
+    parser(
+        "colmap_text",
+        colmap_text,
+        "images_spaces.txt images_exponent.txt",
+    ),
+    parser("colmap_binary", colmap_binary, ".bin"),
+    parser("catalogue", catalogue::catalogue, ""),
+    parser("gaussian_ply", gaussian_ply, ""),
+    parser(
+        "gaussian_files",
+        gaussian_files,
+        ".spz .sog .splat .compressed.ply",
+    ),
+    parser("checkpoint", checkpoint, ""),
+    parser("pair_list", pair_list, ""),
+    parser("photo", photo, ".png .jpg .jpeg orient6.JPG"),
+    parser("prediction", prediction, ".png .jpg .exr .npy"),
+    parser("scene_arrays", scene_arrays, ""),
+    parser("camera_file", camera_file, ""),
 ];
+
+const fn parser(name: &'static str, run: fn(&[u8]), seeds: &'static str) -> Parser {
+    Parser { name, run, seeds }
+}
 
 fn pfm(bytes: &[u8]) {
     let _ = format::pfm::parse(bytes);

@@ -7,6 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use sharp_datasets::{DatasetSpec, Scene, open_each};
+use sharp_tests::{copy_folder, rows};
 
 /// Formats, with and without settings that make readers use other files of a layout.
 const FORMATS: [&str; 10] = [
@@ -47,18 +48,6 @@ fn tree(folder: &Path) -> Vec<(PathBuf, Option<Vec<u8>>)> {
     found
 }
 
-fn copy(format: &str, to: &Path) {
-    for (path, bytes) in tree(&source(format)) {
-        match bytes {
-            None => std::fs::create_dir_all(to.join(path)).unwrap(),
-            Some(bytes) => {
-                std::fs::create_dir_all(to.join(&path).parent().unwrap()).unwrap();
-                std::fs::write(to.join(path), bytes).unwrap();
-            }
-        }
-    }
-}
-
 fn read(format: &str, folder: &Path) -> Result<Vec<Scene>, sharp_datasets::DatasetError> {
     let (layout, settings) = format.split_at(format.find(',').unwrap_or(format.len()));
     let spec = DatasetSpec::parse(&format!("{layout}={}{settings}", folder.display())).unwrap();
@@ -85,7 +74,7 @@ fn decode(scenes: &[Scene]) -> (usize, usize) {
 fn every_layout_is_read_and_left_as_it_was() {
     for format in FORMATS {
         let folder = tempfile::tempdir().unwrap();
-        copy(format, folder.path());
+        copy_folder(&source(format), folder.path()).unwrap();
         let before = tree(folder.path());
         for (path, _) in &before {
             set_readonly(&folder.path().join(path), true);
@@ -113,10 +102,10 @@ fn set_readonly(path: &Path, readonly: bool) {
 fn no_symbolic_link_leaves_a_dataset() {
     for format in FORMATS {
         let (outside, mut refused) = (tempfile::tempdir().unwrap(), 0);
-        copy(format, outside.path());
+        copy_folder(&source(format), outside.path()).unwrap();
         for (path, bytes) in tree(&source(format)) {
             let folder = tempfile::tempdir().unwrap();
-            copy(format, folder.path());
+            copy_folder(&source(format), folder.path()).unwrap();
             let inside = folder.path().join(&path);
             match bytes {
                 Some(_) => std::fs::remove_file(&inside).unwrap(),
@@ -144,52 +133,24 @@ fn no_symbolic_link_leaves_a_dataset() {
     }
 }
 
+/// Formats, files, names in them, and what takes their place.
+const NAMES: &str = "\
+nerfstudio | transforms.json | images/0.png | ../0.png
+nerfstudio | transforms.json | depth/0.png | ../../0.png
+nerfstudio | transforms.json | images/0.png | /etc/hostname
+colmap | sparse/0/images.txt | 0.png | ../../0.png
+scannetpp | splits/nvs_test.txt | s | ../../s
+scannetpp | data/s/dslr/nerfstudio/transforms.json | 0.JPG | ../../../../../0.JPG
+wildrgbd | cup/nvs_list.json | scenes/scene_000 | ../../scene_000
+eth3d | yard/dslr_calibration_jpg/images.txt | dslr_images/0 | ../../../0
+eth3d,images=undistorted | yard/dslr_calibration_undistorted/images.txt | dslr_images_undistorted/0 | ../../../0";
+
 /// Names in lists and camera files that lead outside are refused, and the error states the name.
 #[test]
 fn no_name_in_a_file_leaves_a_dataset() {
-    for (format, file, from, to) in [
-        ("nerfstudio", "transforms.json", "images/0.png", "../0.png"),
-        (
-            "nerfstudio",
-            "transforms.json",
-            "depth/0.png",
-            "../../0.png",
-        ),
-        (
-            "nerfstudio",
-            "transforms.json",
-            "images/0.png",
-            "/etc/hostname",
-        ),
-        ("colmap", "sparse/0/images.txt", " 0.png", " ../../0.png"),
-        ("scannetpp", "splits/nvs_test.txt", "s\n", "../../s\n"),
-        (
-            "scannetpp",
-            "data/s/dslr/nerfstudio/transforms.json",
-            "0.JPG",
-            "../../../../../0.JPG",
-        ),
-        (
-            "wildrgbd",
-            "cup/nvs_list.json",
-            "scenes/scene_000",
-            "../../scene_000",
-        ),
-        (
-            "eth3d",
-            "yard/dslr_calibration_jpg/images.txt",
-            "dslr_images/0",
-            "../../../0",
-        ),
-        (
-            "eth3d,images=undistorted",
-            "yard/dslr_calibration_undistorted/images.txt",
-            "dslr_images_undistorted/0",
-            "../../../0",
-        ),
-    ] {
+    for [format, file, from, to] in rows(NAMES) {
         let folder = tempfile::tempdir().unwrap();
-        copy(format, folder.path());
+        copy_folder(&source(format), folder.path()).unwrap();
         let path = folder.path().join(file);
         let text = std::fs::read_to_string(&path).unwrap();
         assert!(text.contains(from), "{format}: {text}");

@@ -131,7 +131,8 @@ fn seeds(parser: &Parser) -> Vec<(PathBuf, Vec<u8>)> {
     for entry in entries {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
-        if parser.seeds.iter().any(|end| name.ends_with(end)) {
+        let mut endings = parser.seeds.split_whitespace();
+        if endings.any(|end| name.ends_with(end)) {
             files.push(path);
         }
     }

@@ -41,10 +41,7 @@ fn number(text: &str, key: &str) -> f64 {
 pub(super) fn middeval3(folder: &Path) -> Outcome {
     let scenes = open("middlebury", folder)?;
     check(scenes.len() == 15, || format!("{} scenes", scenes.len()))?;
-    check(
-        open("middlebury,scenes=training15", folder)?.len() == 15,
-        || "a name".into(),
-    )?;
+    assert_eq!(open("middlebury,scenes=training15", folder)?.len(), 15);
     for scene in &scenes {
         let text = std::fs::read_to_string(folder.join(&scene.id).join("calib.txt"))?;
         let [focal, doffs] = ["cam0", "doffs"].map(|key| number(&text, key));
@@ -59,9 +56,7 @@ pub(super) fn middeval3(folder: &Path) -> Outcome {
         for view in [left, right] {
             let k = view.intrinsics;
             let read = ([k.width, k.height], k.fx, k.fy);
-            check(read == (size, focal, focal), || {
-                format!("{}: {k:?}", scene.id)
-            })?;
+            assert_eq!(read, (size, focal, focal), "{}", scene.id);
             let image = view.content.image()?;
             check([image.width(), image.height()] == size, || scene.id.clone())?;
         }
@@ -70,17 +65,13 @@ pub(super) fn middeval3(folder: &Path) -> Outcome {
             format!("{}: {shift}", scene.id)
         })?;
         let centre = right.camera_from_world.camera_center();
-        check(centre == glam::DVec3::X * baseline_m, || {
-            format!("{}: {centre}", scene.id)
-        })?;
+        assert_eq!(centre, glam::DVec3::X * baseline_m, "{}", scene.id);
 
         let disparity = read_map(&folder.join(&scene.id).join("disp0GT.pfm"))?;
         let depth = left.content.depth()?.ok_or("no depth")?;
         let mut known = 0;
         for (z, d) in depth.iter().zip(disparity.iter()) {
-            check((*z > 0.0) == d.is_finite(), || {
-                format!("{}: {z} {d}", scene.id)
-            })?;
+            assert_eq!(*z > 0.0, d.is_finite(), "{}", scene.id);
             if d.is_finite() {
                 known += 1;
                 let expected = baseline_m * focal / (f64::from(*d) + doffs);
@@ -138,13 +129,9 @@ pub(super) fn calibrations_of_2021(folder: &Path) -> Outcome {
         .iter()
         .map(|scene| scene.id.as_str())
         .collect();
-    check(left_out == ["curule", "octagon"], || {
-        format!("{left_out:?}")
-    })?;
+    assert_eq!(left_out, ["curule", "octagon"]);
     let view = &found.scenes[0].views[0];
-    check(view.intrinsics.cx == -364.24 + 0.5, || {
-        format!("{:?}", view.intrinsics)
-    })?;
+    assert_eq!(view.intrinsics.cx, -364.24 + 0.5);
     let size = view.content.image()?.dimensions();
     check(size == (1920, 1080), || format!("{size:?}"))
 }
@@ -175,9 +162,7 @@ pub(super) fn eth3d(folder: &Path) -> Outcome {
         let by_id: std::collections::BTreeMap<_, _> =
             model.images.iter().map(|i| (i.id, i)).collect();
         let positions = observed_points(&folder.join(scene).join("points3D.txt"))?;
-        check(positions.len() == points.len(), || {
-            format!("{scene}: {}", points.len())
-        })?;
+        assert_eq!(positions.len(), points.len(), "{scene}");
         let (mut close, mut all) = (0_u32, 0_u32);
         for pair in lines.chunks(2) {
             let id: u32 = pair[0].split(' ').next().unwrap().parse()?;
@@ -205,9 +190,7 @@ pub(super) fn eth3d(folder: &Path) -> Outcome {
     }
     let scenes = open("eth3d,images=undistorted", set.path())?;
     let read: usize = scenes.iter().map(|scene| scene.views.len()).sum();
-    check((scenes.len(), read) == (3, views), || {
-        format!("{read} of {views}")
-    })?;
+    assert_eq!((scenes.len(), read), (3, views));
     let sizes: Vec<_> = scenes.iter().map(|s| s.views[0].intrinsics).collect();
     let sizes: Vec<_> = sizes
         .iter()
@@ -259,9 +242,7 @@ pub(super) fn tanks_and_temples(folder: &Path) -> Outcome {
     check(ids == ["000001", "000002", "000003"], || format!("{ids:?}"))?;
     let k = views[0].intrinsics;
     let read = (k.width, k.height, k.fx, k.cx, k.cy);
-    check(read == (1920, 1080, 1152.0, 960.0, 540.0), || {
-        format!("{k:?}")
-    })?;
+    assert_eq!(read, (1920, 1080, 1152.0, 960.0, 540.0));
     let centres: Vec<_> = views
         .iter()
         .map(|v| v.camera_from_world.camera_center())
@@ -273,9 +254,8 @@ pub(super) fn tanks_and_temples(folder: &Path) -> Outcome {
         })?;
     }
     let left_out = scenes[0].left_out.iter().map(|group| group.views.len());
-    check(left_out.sum::<usize>() == 407, || {
-        format!("{:?}", scenes[0].left_out)
-    })
+    assert_eq!(left_out.sum::<usize>(), 407);
+    Ok(())
 }
 
 /// The published list of the training set: 228 pairs of 38 scenes.
@@ -318,9 +298,8 @@ pub(super) fn booster(folder: &Path) -> Outcome {
     check(with_depth, || "a map was not found".into())?;
     let first = open("booster,illuminations=first", set.path())?;
     let clusters: BTreeSet<&str> = first.iter().map(|scene| scene.cluster.as_str()).collect();
-    check((first.len(), clusters.len()) == (38, 38), || {
-        format!("{}", first.len())
-    })
+    assert_eq!((first.len(), clusters.len()), (38, 38));
+    Ok(())
 }
 
 /// Lists of scenes: existing scenes are read, and every other name is reported.

@@ -9,7 +9,7 @@ use sharp_datasets::format::{calib, colmap, colmap_records, trajectory};
 use sharp_datasets::{DatasetError, DatasetSpec, Scene, open};
 use tempfile::TempDir;
 
-use crate::{Outcome, check, fixture, refused};
+use crate::{Outcome, check, equal, fixture, refused};
 
 pub(crate) fn trials() -> Vec<Trial> {
     let mut trials = Vec::new();
@@ -53,7 +53,7 @@ pub(crate) fn trials() -> Vec<Trial> {
     add("cam_poses_gap.txt", |name| {
         let poses = parse_text(&fixture(name), trajectory::parse_rows)?;
         let frames: Vec<_> = poses.iter().map(|p| p.frame).collect();
-        check(frames == [0, 2], || format!("{frames:?}"))
+        equal(&frames, &[0, 2])
     });
     add("pose_inf.txt", |name| {
         let read = parse_text(&fixture(name), trajectory::parse_similarity);
@@ -89,13 +89,11 @@ pub(crate) fn trials() -> Vec<Trial> {
 
 fn the_rig(name: &str) -> Outcome {
     let rig = parse_text(&fixture(name), calib::parse)?;
-    check(rig.focal == 994.97775, || format!("{rig:?}"))?;
-    check(rig.left_center == (311.193, 254.87675), || {
-        format!("{rig:?}")
-    })?;
+    equal(&rig.focal, &994.97775)?;
+    equal(&rig.left_center, &(311.193, 254.87675))?;
     check((rig.doffs - 31.08575).abs() < 1e-12, || format!("{rig:?}"))?;
-    check(rig.baseline_m == 0.193_001, || format!("{rig:?}"))?;
-    check(rig.size == Some((741, 500)), || format!("{rig:?}"))
+    equal(&rig.baseline_m, &0.193_001)?;
+    equal(&rig.size, &Some((741, 500)))
 }
 
 /// The images of a text model whose `images.txt` is the fixture.
@@ -110,14 +108,14 @@ fn images(name: &str) -> Result<Vec<colmap_records::ColmapImage>, DatasetError> 
 fn check_names(name: &str, expected: &[&str]) -> Outcome {
     let images = images(name)?;
     let names: Vec<_> = images.iter().map(|i| i.name.as_str()).collect();
-    check(names == expected, || format!("{names:?}"))
+    equal(&names, expected)
 }
 
 fn two_images(name: &str) -> Outcome {
     check_names(name, &["a.jpg", "b.jpg"])?;
     let images = images(name)?;
     let pose = images[1].camera_from_world.ok_or("no pose")?;
-    check(pose.translation == glam::DVec3::X, || format!("{pose:?}"))
+    equal(&pose.translation, &glam::DVec3::X)
 }
 
 fn exponents(name: &str) -> Outcome {
@@ -130,7 +128,7 @@ fn exponents(name: &str) -> Outcome {
     check((found - expected).abs() < 1e-6, || {
         format!("{found} {expected}")
     })?;
-    check(pose.translation.z == 71.6, || format!("{pose:?}"))
+    equal(&pose.translation.z, &71.6)
 }
 
 /// A quaternion of length 2 is normalised. With a NaN, a zero quaternion or an infinite
@@ -141,9 +139,7 @@ fn quaternions(name: &str) -> Outcome {
         .iter()
         .map(|i| i.camera_from_world.is_some())
         .collect();
-    check(has_pose == [true, false, false, false], || {
-        format!("{has_pose:?}")
-    })?;
+    equal(&has_pose, &[true, false, false, false])?;
     let folder = TempDir::new()?;
     let model = folder.path().join("sparse/0");
     std::fs::create_dir_all(&model)?;
@@ -163,9 +159,7 @@ fn one_identity(name: &str) -> Outcome {
         format!("{poses:?}")
     })?;
     let pose = poses[0].world_from_camera.clone()?;
-    check(pose == sharp::camera::RigidTransform::IDENTITY, || {
-        format!("{pose:?}")
-    })
+    equal(&pose, &sharp::camera::RigidTransform::IDENTITY)
 }
 
 /// Reads the fixture as a scene's `transforms.json`, next to black pictures.
@@ -192,7 +186,7 @@ fn read(format: &str, folder: &Path) -> Result<Scene, DatasetError> {
 
 fn check_ids(scene: &Scene, expected: &[&str]) -> Outcome {
     let ids: Vec<_> = scene.views.iter().map(|v| v.id.as_str()).collect();
-    check(ids == expected, || format!("{ids:?}"))
+    equal(&ids, expected)
 }
 
 fn check_note(scene: &Scene, part: &str) -> Outcome {
@@ -214,18 +208,13 @@ fn blender(name: &str) -> Outcome {
     check((k.fx - expected).abs() < 1e-9 && k.fy == k.fx, || {
         format!("{k:?}")
     })?;
-    check((k.cx, k.cy, k.width) == (400.0, 300.0, 800), || {
-        format!("{k:?}")
-    })
+    equal(&(k.cx, k.cy, k.width), &(400.0, 300.0, 800))
 }
 
 fn per_frame(name: &str) -> Outcome {
     let (_folder, scene) = transforms(name, &[("a.png", 20, 20)])?;
     let k = scene.views[0].intrinsics;
-    check(
-        (k.fx, k.cx, k.width, k.height) == (600.0, 10.0, 20, 20),
-        || format!("{k:?}"),
-    )?;
+    equal(&(k.fx, k.cx, k.width, k.height), &(600.0, 10.0, 20, 20))?;
     check(scene.views[0].content.image().is_ok(), || "size".into())?;
     check_note(&scene, "1 frame(s) have intrinsics that differ")
 }

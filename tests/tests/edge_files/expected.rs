@@ -6,7 +6,7 @@ use sharp::image_file::{AlphaRule, ColorRule, OrientationRule, PictureRules};
 use sharp_datasets::files::parse;
 use sharp_datasets::format::{FloatMap, npy, picture, raw_floats, read_map};
 
-use crate::{Outcome, check, fixture, folder, refused};
+use crate::{Outcome, check, equal, fixture, folder, refused};
 
 /// The reasons why broken files are refused.
 const REASONS: [(&str, &str); 9] = [
@@ -60,18 +60,14 @@ fn one(name: &str, entry: &Value) -> Outcome {
     if name.ends_with(".npy") || name.ends_with(".npz") {
         let array = npy::parse(&std::fs::read(&path)?)?;
         let shape: Vec<u64> = array.shape.iter().map(|n| *n as u64).collect();
-        check(entry["shape"] == serde_json::json!(shape), || {
-            format!("{shape:?}")
-        })?;
+        equal(&entry["shape"], &serde_json::json!(shape))?;
     }
     values(&read_map(&path)?, entry)
 }
 
 /// Compares first, last, count and sum of the finite values, exactly except for the sum's rounding.
 fn values(map: &FloatMap, entry: &Value) -> Outcome {
-    check(map.dimensions() == (80, 60), || {
-        format!("{:?}", map.dimensions())
-    })?;
+    equal(&map.dimensions(), &(80, 60))?;
     let same = |value: f32, key: &str| {
         let value = f64::from(value);
         let holds = match entry[key].as_f64() {
@@ -103,11 +99,9 @@ fn values(map: &FloatMap, entry: &Value) -> Outcome {
 
 fn sixteen_bits(name: &str, entry: &Value) -> Outcome {
     let map = read_map(&fixture(name))?;
-    check(map.dimensions() == (80, 60), || {
-        format!("{:?}", map.dimensions())
-    })?;
+    equal(&map.dimensions(), &(80, 60))?;
     let first = f64::from(map.get_pixel(0, 0).0[0]);
-    check(entry["first_px"][0] == first as u64, || format!("{first}"))?;
+    equal(&entry["first_px"][0], &(first as u64))?;
     let mean = map.iter().map(|v| f64::from(*v)).sum::<f64>() / 4800.0;
     check(
         (mean - entry["mean"].as_f64().unwrap()).abs() < 1e-9,
@@ -124,9 +118,7 @@ fn photograph(name: &str, entry: &Value) -> Outcome {
     let image = picture::read(&fixture(name), &DROP, Some(SIZE))?;
     let lossy = entry["format"] == "JPEG";
     let (levels, mean_tolerance) = if lossy { (2, 0.5) } else { (0, 1e-9) };
-    check(image.dimensions() == (80, 60), || {
-        format!("{:?}", image.dimensions())
-    })?;
+    equal(&image.dimensions(), &(80, 60))?;
     check(picture::dimensions(&fixture(name))? == (80, 60), || {
         "header".into()
     })?;

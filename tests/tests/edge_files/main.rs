@@ -6,6 +6,7 @@
 mod described;
 mod expected;
 
+use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
 use libtest_mimic::{Arguments, Failed, Trial};
@@ -40,6 +41,12 @@ fn fixture(name: &str) -> PathBuf {
 
 fn check(holds: bool, what: impl Fn() -> String) -> Outcome {
     if holds { Ok(()) } else { Err(what().into()) }
+}
+
+fn equal<T: Debug + PartialEq<U>, U: Debug + ?Sized>(found: &T, expected: &U) -> Outcome {
+    check(found == expected, || {
+        format!("{found:?} instead of {expected:?}")
+    })
 }
 
 /// Checks that the error names the file and gives the reason.

@@ -167,61 +167,28 @@ fn lists_become_pairs_of_the_dataset() {
 
 #[test]
 fn hostile_lists_are_one_clear_error() {
+    let table = r#"{"a": {"context": [0, 99999999999999999999], "target": []}} => 1:
+{"a": {"context": [0, -1], "target": []}} => u32
+{"a": {"context": [0.5], "target": []}} => u32
+{"a": {"context": [], "target": [1]}} => no context view
+{"a": {"context": "0", "target": []}} => sequence
+{"/etc": null} => not the name of a scene
+{"C:\\x": null} => not the name of a scene
+{"a/../b": null} => not the name of a scene
+{"a": {"context": [0], "target": null}} => null instead of a list
+[1] => object of scenes
+{} => empty"#;
+    for line in table.lines() {
+        let (text, reason) = line.split_once(" => ").unwrap();
+        is_refused(ListForm::Index, text, reason);
+    }
+    let twice = "{\"a\": null,\n\"a\": null}";
+    let no_list = r#"{"train_ids": null, "test_ids": []}"#;
     for (form, text, reason) in [
-        (
-            ListForm::Index,
-            r#"{"a": {"context": [0, 99999999999999999999], "target": []}}"#,
-            "1: ",
-        ),
-        (
-            ListForm::Index,
-            r#"{"a": {"context": [0, -1], "target": []}}"#,
-            "u32",
-        ),
-        (
-            ListForm::Index,
-            r#"{"a": {"context": [0.5], "target": []}}"#,
-            "u32",
-        ),
-        (
-            ListForm::Index,
-            r#"{"a": {"context": [], "target": [1]}}"#,
-            "no context view",
-        ),
-        (
-            ListForm::Index,
-            r#"{"a": {"context": "0", "target": []}}"#,
-            "sequence",
-        ),
-        (
-            ListForm::Index,
-            "{\"a\": null,\n\"a\": null}",
-            "2: scene 'a' is given twice",
-        ),
-        (
-            ListForm::Index,
-            r#"{"/etc": null}"#,
-            "not the name of a scene",
-        ),
-        (
-            ListForm::Index,
-            r#"{"C:\\x": null}"#,
-            "not the name of a scene",
-        ),
-        (
-            ListForm::Index,
-            r#"{"a/../b": null}"#,
-            "not the name of a scene",
-        ),
-        (
-            ListForm::Index,
-            r#"{"a": {"context": [0], "target": null}}"#,
-            "null instead of a list",
-        ),
-        (ListForm::Index, "[1]", "object of scenes"),
-        (ListForm::Index, "{}", "empty"),
+        (ListForm::Index, twice, "2: scene 'a' is given twice"),
         (ListForm::Index, "", "EOF"),
         (ListForm::Seva, r#"{"train_ids": [1]}"#, "test_ids"),
+        (ListForm::Seva, no_list, "null instead of a list"),
         (
             ListForm::Flash3d,
             "ok 1 2 3 4\nkey 1 2 3",
@@ -239,18 +206,17 @@ fn hostile_lists_are_one_clear_error() {
         (ListForm::Unisharp, "a|1|../../2", "not the name of a view"),
         (ListForm::Unisharp, "a|1|2,,3", "not the name of a view"),
         (ListForm::Unisharp, "a|1|", "no target"),
-        (
-            ListForm::Seva,
-            r#"{"train_ids": null, "test_ids": []}"#,
-            "null instead of a list",
-        ),
         (ListForm::Mine, r#"{"sequence_id": 5}"#, "string"),
         (ListForm::Mine, "{\"sequence_id\": \"a\"\u{1}}", "1: "),
     ] {
-        let error = list(text, form).unwrap_err();
-        assert!(
-            error.contains(reason) && !error.contains('\n'),
-            "{text}: {error}"
-        );
+        is_refused(form, text, reason);
     }
+}
+
+fn is_refused(form: ListForm, text: &str, reason: &str) {
+    let error = list(text, form).unwrap_err();
+    assert!(
+        error.contains(reason) && !error.contains('\n'),
+        "{text}: {error}"
+    );
 }

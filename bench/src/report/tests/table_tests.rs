@@ -259,24 +259,12 @@ fn headings_state_region_and_every_variant_that_is_not_the_only_default() {
         let columns: Vec<Column> = keys.keys().map(Column::from).collect();
         Column::heads(&columns).join(", ")
     };
-    for (keys, expected) in [
-        (
-            "psnr,ssim-gauss11-valid@frustum",
-            "PSNR ↑, SSIM (frustum) ↑",
-        ),
-        (
-            "ssim-gauss11-valid,ssim-gauss11-valid@frustum,psnr@frustum",
-            "SSIM ↑, SSIM (frustum) ↑, PSNR (frustum) ↑",
-        ),
-        (
-            "ssim-uniform7-sample,lpips-vgg",
-            "SSIM uniform7 sample ↑, LPIPS vgg ↓",
-        ),
-        (
-            "ssim-gauss11-valid@frustum,ssim-gauss11-zero,dists",
-            "SSIM gauss11 valid (frustum) ↑, SSIM gauss11 zero ↑, DISTS ↓",
-        ),
-    ] {
+    let table = "\
+psnr,ssim-gauss11-valid@frustum | PSNR ↑, SSIM (frustum) ↑
+ssim-gauss11-valid,ssim-gauss11-valid@frustum,psnr@frustum | SSIM ↑, SSIM (frustum) ↑, PSNR (frustum) ↑
+ssim-uniform7-sample,lpips-vgg | SSIM uniform7 sample ↑, LPIPS vgg ↓
+ssim-gauss11-valid@frustum,ssim-gauss11-zero,dists | SSIM gauss11 valid (frustum) ↑, SSIM gauss11 zero ↑, DISTS ↓";
+    for [keys, expected] in sharp_tests::rows(table) {
         assert_eq!(heads(keys), expected);
     }
     let psnr: Column = "psnr@frustum".parse::<MetricKey>().unwrap().into();

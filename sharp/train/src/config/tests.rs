@@ -103,6 +103,11 @@ fn both_stages_may_have_reflective_scenes() {
 
 #[test]
 fn errors_name_file_and_key() {
+    let is_named = |text: &str, part: &str| {
+        let error = load(text).unwrap_err();
+        let named = error.contains("t.toml: ") && error.contains(part);
+        assert!(named && !error.contains('\n'), "{text}: {error}");
+    };
     let stage = "[stage1]\nsteps = 20\nbatch = 1\nschedule.warmup_steps = 5\n";
     for (text, part) in [
         ("stepz = 1", "line 1: unknown field `stepz`"),
@@ -161,42 +166,29 @@ fn errors_name_file_and_key() {
             "`loss_options.percep.gram`",
         ),
         ("loss_options.percep.crop = 7", "`loss_options.percep.crop`"),
-        (&format!("{stage}clip_norm = nan"), "`stage1.clip_norm`"),
-        (
-            &format!("{stage}schedule.peak = inf"),
-            "`stage1.schedule.peak`",
-        ),
-        (
-            &format!("{stage}schedule.last = 1.0"),
-            "`stage1.schedule.last`",
-        ),
-        (
-            &format!("{stage}data.datasets = []"),
-            "`stage1.data` lists no",
-        ),
-        (
-            &format!("{stage}data.datasets = [\"x=y\"]"),
-            "`stage1.data` has no",
-        ),
-        (
-            &format!("{stage}data.photographs = \"mine\""),
-            "`stage1.data` has photographs",
-        ),
         (
             "[stage1]\nsteps = 0\n[stage2]\nsteps = 9\nschedule.warmup_steps = 1\n\
              data.split = { photographs = \"mine\", held_out = 1 }",
             "`stage2.data` holds out everything",
         ),
-        (&format!("{stage}side = 0"), "`stage1.side` is not"),
-        (
-            &format!("{stage}max_baseline_m = 0"),
-            "`stage1.max_baseline_m` is not",
-        ),
-        (&format!("{stage}data = \"all\""), "line 5: unknown variant"),
     ] {
-        let error = load(text).unwrap_err();
-        let named = error.contains("t.toml: ") && error.contains(part);
-        assert!(named && !error.contains('\n'), "{text}: {error}");
+        is_named(text, part);
+    }
+    for (text, part) in [
+        ("clip_norm = nan", "`stage1.clip_norm`"),
+        ("schedule.peak = inf", "`stage1.schedule.peak`"),
+        ("schedule.last = 1.0", "`stage1.schedule.last`"),
+        ("data.datasets = []", "`stage1.data` lists no"),
+        ("data.datasets = [\"x=y\"]", "`stage1.data` has no"),
+        (
+            "data.photographs = \"mine\"",
+            "`stage1.data` has photographs",
+        ),
+        ("side = 0", "`stage1.side` is not"),
+        ("max_baseline_m = 0", "`stage1.max_baseline_m` is not"),
+        ("data = \"all\"", "line 5: unknown variant"),
+    ] {
+        is_named(&format!("{stage}{text}"), part);
     }
     let absent = TrainingConfig::load(Path::new("absent.toml")).unwrap_err();
     assert!(absent.to_string().starts_with("absent.toml: "));
