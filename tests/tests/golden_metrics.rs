@@ -12,61 +12,22 @@ use std::sync::{Arc, LazyLock, OnceLock};
 use libtest_mimic::{Arguments, Failed, Trial};
 use safetensors::SafeTensors;
 use serde_json::Value;
-use sharp_metrics::{
-    AllTerms, Backbone, MetricKey, Picture, Scorer, Scores, Selection, Terms, Weights,
-};
-use sharp_tests::shared_data;
+use sharp_metrics::{Backbone, Examined, MetricKey, Picture, Scorer, Selection, Terms, Weights};
+use sharp_tests::{rows, shared_data};
 
-/// Keys, the entries of `golden.json` that they must equal, and the tolerances: 1e-9 for entries
-/// that their authors compute in f64, 1e-5 for OpenCV's and kornia's, which are f32.
-const SSIM: [(&str, &[(&str, f64)]); 9] = [
-    (
-        "ssim[gauss11,valid]",
-        &[
-            ("gauss11_valid", 1e-9),
-            ("skimage_gauss_popcov", 1e-9),
-            ("kornia_valid", 1e-5),
-        ],
-    ),
-    // In f64, dm_pix's bound changes less than its rounding does.
-    (
-        "ssim[gauss11,valid,cov=bounded]",
-        &[("gauss11_valid", 1e-9)],
-    ),
-    ("ssim[gauss11,zero]", &[("gauss11_zeropad_3dgs", 1e-9)]),
-    (
-        "ssim[gauss11,reflect]",
-        &[
-            ("gauss11_reflect101", 1e-9),
-            ("torchmetrics_1_9_data_range1", 1e-9),
-            ("kornia_same", 1e-5),
-            ("cv2_quality_ssim_uint8", 1e-5),
-        ],
-    ),
-    (
-        "ssim[uniform7,sample]",
-        &[
-            ("skimage_uniform7_samplecov", 1e-9),
-            ("skimage_uniform7_uint8", 1e-9),
-        ],
-    ),
-    (
-        "ssim[uniform7,population]",
-        &[("skimage_uniform7_popcov", 1e-9)],
-    ),
-    (
-        "ssim[gauss11,valid,sample]",
-        &[("skimage_gauss_samplecov", 1e-9)],
-    ),
-    (
-        "ssim[gauss11,valid,gray]",
-        &[("skimage_gauss_popcov_gray", 1e-9)],
-    ),
-    (
-        "ssim[gauss11,reflect,range=data]",
-        &[("torchmetrics_1_9_data_range_none", 1e-9)],
-    ),
-];
+/// Keys, the entries of `golden.json` that they must equal to 1e-9, which their authors compute in f64, and those to
+/// 1e-5, which OpenCV and kornia compute in f32. In f64, dm_pix's bound (`cov=bounded`) changes less than its rounding
+/// does.
+const SSIM: &str = "\
+ssim[gauss11,valid] | gauss11_valid skimage_gauss_popcov | kornia_valid
+ssim[gauss11,valid,cov=bounded] | gauss11_valid |
+ssim[gauss11,zero] | gauss11_zeropad_3dgs |
+ssim[gauss11,reflect] | gauss11_reflect101 torchmetrics_1_9_data_range1 | kornia_same cv2_quality_ssim_uint8
+ssim[uniform7,sample] | skimage_uniform7_samplecov skimage_uniform7_uint8 |
+ssim[uniform7,population] | skimage_uniform7_popcov |
+ssim[gauss11,valid,sample] | skimage_gauss_samplecov |
+ssim[gauss11,valid,gray] | skimage_gauss_popcov_gray |
+ssim[gauss11,reflect,range=data] | torchmetrics_1_9_data_range_none |";
 
 /// kornia adds 1e-12 to the denominator, which is C1·C2 = 9e-8 where both windows are black; there,
 /// its value is 1.11e-5 below the definition's.
@@ -116,10 +77,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// All metrics with the weights of the golden data, created once for all pairs.
 static SCORER: LazyLock<Result<Scorer, String>> =
     LazyLock::new(|| scorer("all", &Weights::deterministic("")));
-/// Metrics whose layers are compared too.
-static TERMS: LazyLock<Result<Scorer, String>> = LazyLock::new(|| {
+/// Metrics whose maps are compared.
+static MAPPED: LazyLock<Result<Scorer, String>> = LazyLock::new(|| {
     scorer(
-        "lpips-alex,lpips-vgg,lpips-squeeze,dists",
+        "lpips-alex,lpips-vgg,lpips-squeeze",
         &Weights::deterministic(""),
     )
 });
@@ -155,8 +116,7 @@ struct Pair {
     /// Prediction and target; `None` if a picture is neither here nor in the shared folder.
     files: Option<[PathBuf; 2]>,
     json: Value,
-    scores: OnceLock<Result<Scores, String>>,
-    terms: OnceLock<Result<AllTerms, String>>,
+    examined: OnceLock<Result<Examined, String>>,
 }
 
 type Check = Box<dyn FnOnce(&Pair) -> Result<(), Failed> + Send>;
@@ -174,8 +134,7 @@ impl Pair {
             name: text("name")?.to_owned(),
             files: find(text("dist")?).zip(find(text("ref")?)).map(Into::into),
             json: json.clone(),
-            scores: OnceLock::new(),
-            terms: OnceLock::new(),
+            examined: OnceLock::new(),
         })
     }
 
@@ -190,8 +149,10 @@ impl Pair {
         let psnr: Check =
             Box::new(|pair| compare(pair.score("psnr")?, &pair.json["psnr"]["psnr_f64"], PSNR));
         let mut trials = vec![self.trial("psnr", psnr)];
-        for (key, references) in SSIM {
-            for &(reference, tolerance) in references {
+        for [key, exact, rounded] in rows(SSIM) {
+            let exact = exact.split_whitespace().map(|name| (name, 1e-9));
+            let rounded = rounded.split_whitespace().map(|name| (name, 1e-5));
+            for (reference, tolerance) in exact.chain(rounded) {
                 let black = self.name == "black_black" && reference.starts_with("kornia");
                 let tolerance = if black { KORNIA_BLACK } else { tolerance };
                 let check: Check = Box::new(move |pair| {
@@ -315,25 +276,24 @@ impl Pair {
         Ok([a?.to_rgb8().into(), b?.to_rgb8().into()])
     }
 
-    /// Our value, or the reason why there is none.
-    fn score(&self, key: &str) -> Result<Result<f64, String>, Failed> {
-        let scores = self.scores.get_or_init(|| {
+    /// Scores and terms of all metrics.
+    fn examined(&self) -> Result<&Examined, Failed> {
+        let examined = self.examined.get_or_init(|| {
             let [prediction, target] = self.pictures().map_err(|e| format!("{e:?}"))?;
             let scorer = SCORER.as_ref().map_err(Clone::clone)?;
-            let scores = scorer.score(&prediction, &target, None);
-            scores.map_err(|e| e.to_string())
+            let examined = scorer.examine(&prediction, &target, None, false);
+            examined.map_err(|e| e.to_string())
         });
-        find(scores.as_ref()?, key)
+        Ok(examined.as_ref()?)
+    }
+
+    /// Our value, or the reason why there is none.
+    fn score(&self, key: &str) -> Result<Result<f64, String>, Failed> {
+        find(&self.examined()?.scores, key)
     }
 
     fn terms(&self, key: &str) -> Result<Result<Terms, String>, Failed> {
-        let terms = self.terms.get_or_init(|| {
-            let [prediction, target] = self.pictures().map_err(|e| format!("{e:?}"))?;
-            let scorer = TERMS.as_ref().map_err(Clone::clone)?;
-            let examined = scorer.examine(&prediction, &target, None, false);
-            examined.map(|all| all.terms).map_err(|e| e.to_string())
-        });
-        find(terms.as_ref()?, key)
+        find(&self.examined()?.terms, key)
     }
 }
 
@@ -388,7 +348,7 @@ fn spatial_maps(json: &Value) -> Result<Vec<Trial>, Box<dyn std::error::Error>> 
         let absent = pair.files.is_none() || (real && !real_squeezenet().exists());
         let (name, bytes) = (name.to_owned(), bytes.clone());
         let trial = Trial::test(format!("spatial map {name}"), move || {
-            let scorer = if real { &REAL } else { &TERMS }.as_ref()?;
+            let scorer = if real { &REAL } else { &MAPPED }.as_ref()?;
             let [prediction, target] = pair.pictures()?;
             let maps = scorer.examine(&prediction, &target, None, true)?.maps;
             let map = find(&maps, &alias)??;
