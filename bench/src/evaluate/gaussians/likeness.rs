@@ -322,18 +322,13 @@ impl Likeness {
         whole >= margin && whole >= significance * standard_error
     }
 
-    /// Correlation of the first channel, −1..1; close to 0 if there is hardly any contrast.
+    /// Correlation of the levels about each channel's mean, over all channels, −1..1; close to 0 if there is hardly any
+    /// contrast.
     pub(in crate::evaluate) fn correlation(&self) -> f64 {
-        let Sums {
-            n,
-            p,
-            r,
-            pp,
-            rr,
-            pr,
-        } = self.total[0];
-        let variances = (pp - p * p / n + n * ROUNDING) * (rr - r * r / n + n * ROUNDING);
-        (pr - p * r / n) / variances.sqrt()
+        let sum = |of: fn(&Sums) -> f64| self.total.iter().map(of).sum::<f64>();
+        let seen = sum(|c| c.pp - c.p * c.p / c.n + c.n * ROUNDING);
+        let shown = sum(|c| c.rr - c.r * c.r / c.n + c.n * ROUNDING);
+        sum(|c| c.pr - c.p * c.r / c.n) / (seen * shown).sqrt()
     }
 }
 

@@ -17,6 +17,7 @@ use super::layout::layout_change;
 use super::levels::{
     from_hsv, from_lab, from_luma, has_equal_channels, is_grey, is_limited, is_noise,
     is_normalised_and_stretched, is_uniform, is_unscaled, is_wrapped, normalised, stretching,
+    to_luma,
 };
 use super::placement::placement_change;
 use crate::evaluate::gaussians::likeness::Likeness;
@@ -49,6 +50,9 @@ const BEYOND_ENDS: f64 = 0.002;
 /// Correlation with the photograph below which a picture is a negative. If the correlation of red minus blue is below
 /// it, red and blue are swapped. Poor predictions have 0.4 to 0.8, and a tint does not matter.
 const MAX_OPPOSED_CORRELATION: f64 = -0.4;
+/// [`MAX_OPPOSED_CORRELATION`] of the differences between channels if all three channels are moved. This turns hues by
+/// a third of the circle, whose cosine is −0.5, so the correlation is half of that after a swap.
+const MAX_TURNED_CORRELATION: f64 = MAX_OPPOSED_CORRELATION / 2.0;
 /// Minimum share of the photograph's variance that a picture explains once a reported change is undone. Poor
 /// predictions reach a quarter.
 const MIN_EXPLAINED: f64 = 0.2;
@@ -262,14 +266,32 @@ fn undone_change(
             fit.filter(|fit| fit.is_nearer_than_exposed(&as_read)),
         )
     });
+    // The differences between the channels are opposed before a reordering is undone, and alike after.
+    let recoloured = |undone: &RgbImage, order: [usize; 3]| {
+        let tint = |of: &RgbImage| {
+            let difference = |color: [u8; 3], c: usize| 128 - color[order[c]] / 2 + color[c] / 2;
+            mapped(of, |color| [0, 1, 2].map(|c| difference(color, c)))
+        };
+        let tints = |of: &RgbImage| Likeness::of(&tint(seen), whole, &tint(of)).correlation();
+        let is_swap = (0..3).any(|channel| order[channel] == channel);
+        let most = if is_swap {
+            MAX_OPPOSED_CORRELATION
+        } else {
+            MAX_TURNED_CORRELATION
+        };
+        let fit = nearer(undone, MIN_GAIN_OF_CHANNELS);
+        fit.filter(|_| tints(shown) < most && tints(undone) > -MAX_OPPOSED_CORRELATION)
+    };
     let swapped = PERMUTATIONS.map(|(change, order)| {
         let permuted = mapped(shown, |color| order.map(|channel| color[channel]));
-        (change, nearer(&permuted, MIN_GAIN_OF_CHANNELS))
+        (change, recoloured(&permuted, order))
     });
-    let tint = |of: &RgbImage| mapped(of, |[r, _, b]| [128 - b / 2 + r / 2; 3]);
-    let tints = Likeness::of(&tint(seen), whole, &tint(shown)).correlation();
-    let swapped =
-        swapped.map(|(change, fit)| (change, fit.filter(|_| tints < MAX_OPPOSED_CORRELATION)));
+    let other_chroma = mapped(shown, |color| {
+        let [y, cb, cr] = to_luma(color);
+        from_luma([y, cr, cb])
+    });
+    // Cb is mostly blue and Cr mostly red.
+    let other_chroma = recoloured(&other_chroma, [2, 1, 0]);
     let negative = nearer(&inverted(shown), MIN_GAIN);
     let negative = negative.filter(|_| as_read.correlation() < MAX_OPPOSED_CORRELATION);
     let all = [
@@ -286,6 +308,7 @@ fn undone_change(
             ranged(|v| (v + 255.0) / 2.0, false),
         ),
         (PictureChange::LimitedRange, full),
+        (PictureChange::SwappedChroma, other_chroma),
         (PictureChange::Mirrored, moved(&flip_horizontal(shown))),
         (PictureChange::UpsideDown, moved(&flip_vertical(shown))),
         (PictureChange::Turned180, moved(&rotate180(shown))),
@@ -412,6 +435,16 @@ mod tests {
         let transposed = |p: &RgbImage| rotate270(&flip_horizontal(p));
         for (name, done) in [
             (PictureChange::Bgr, swapped as fn(&RgbImage) -> RgbImage),
+            (PictureChange::Grb, |p| mapped(p, |[r, g, b]| [g, r, b])),
+            (PictureChange::Rbg, |p| mapped(p, |[r, g, b]| [r, b, g])),
+            (PictureChange::Gbr, |p| mapped(p, |[r, g, b]| [g, b, r])),
+            (PictureChange::Brg, |p| mapped(p, |[r, g, b]| [b, r, g])),
+            (PictureChange::SwappedChroma, |p| {
+                mapped(p, |color| {
+                    let [y, cb, cr] = to_luma(color);
+                    from_luma([y, cr, cb])
+                })
+            }),
             (PictureChange::Linear, |p| recolored(p, linear_from_srgb)),
             (PictureChange::EncodedTwice, |p| {
                 recolored(p, srgb_from_linear)
@@ -486,12 +519,6 @@ mod tests {
 
     fn grey(picture: &RgbImage) -> RgbImage {
         mapped(picture, |[_, g, _]| [g; 3])
-    }
-
-    fn to_luma([r, g, b]: [u8; 3]) -> [u8; 3] {
-        let [r, g, b] = [r, g, b].map(f64::from);
-        let y = 0.299 * r + 0.587 * g + 0.114 * b;
-        [y, 128.0 + 0.564 * (b - y), 128.0 + 0.713 * (r - y)].map(|v| v.round() as u8)
     }
 
     fn to_hsv(color: [u8; 3]) -> [u8; 3] {

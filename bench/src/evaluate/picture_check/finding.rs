@@ -61,6 +61,10 @@ worded! {
         Rbg = "have green and blue swapped",
         Gbr = "contain green, blue and red but were read as red, green and blue",
         Brg = "contain blue, red and green but were read as red, green and blue",
+        /// The two chroma channels are swapped.
+        SwappedChroma =
+            "have Cb and Cr (or U and V) swapped; convert them to RGB with the planes in the right order (NV12 or NV21, \
+             I420 or YV12)",
         Mirrored = "are mirrored left to right",
         UpsideDown = "are mirrored top to bottom",
         Turned180 = "are turned by 180°",
@@ -169,7 +173,7 @@ impl PictureChange {
         );
         let is_recoloured = matches!(
             self,
-            Bgr | Grb | Rbg | Gbr | Brg | Luma | Hsv | Lab | Normalised | Negative
+            Bgr | Grb | Rbg | Gbr | Brg | SwappedChroma | Luma | Hsv | Lab | Normalised | Negative
         );
         is_moved
             || is_recoloured

@@ -280,6 +280,13 @@ pub(super) fn from_lab([lightness, a, b]: [u8; 3]) -> [u8; 3] {
     })
 }
 
+/// Full-range Y, Cb and Cr of RGB (BT.601, as in JPEG).
+pub(super) fn to_luma([r, g, b]: [u8; 3]) -> [u8; 3] {
+    let [r, g, b] = [r, g, b].map(f64::from);
+    let y = 0.299 * r + 0.587 * g + 0.114 * b;
+    [y, 128.0 + 0.564 * (b - y), 128.0 + 0.713 * (r - y)].map(|v| v.round() as u8)
+}
+
 /// RGB of full-range Y, Cb and Cr (BT.601, as in JPEG).
 pub(super) fn from_luma([y, cb, cr]: [u8; 3]) -> [u8; 3] {
     let (y, cb, cr) = (f64::from(y), f64::from(cb) - 128.0, f64::from(cr) - 128.0);
