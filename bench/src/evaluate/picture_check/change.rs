@@ -20,6 +20,7 @@ use super::levels::{
     to_luma,
 };
 use super::placement::placement_change;
+use super::rearranged::rearranged;
 use crate::evaluate::gaussians::likeness::Likeness;
 use crate::evaluate::record::Record;
 use crate::scoring::Region;
@@ -30,8 +31,8 @@ const MIN_BACKGROUND: f64 = 0.15;
 const MIN_OTHER: f64 = 0.7;
 /// Maximum width compared, in pixels.
 const WIDTH: u32 = 160;
-/// Minimum gain from undoing a mirroring or rotation that is reported, in dB.
-const MIN_GAIN: f64 = 1.0;
+/// Minimum gain from undoing a mirroring, rotation or rearrangement that is reported, in dB.
+pub(super) const MIN_GAIN: f64 = 1.0;
 /// [`MIN_GAIN`] for swapped channels, which hardly change brightness, in dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
 /// [`MIN_GAIN`] for another transfer function, in dB. If linear light was stored as sRGB, undoing it gains far more;
@@ -55,7 +56,7 @@ const MAX_OPPOSED_CORRELATION: f64 = -0.4;
 const MAX_TURNED_CORRELATION: f64 = MAX_OPPOSED_CORRELATION / 2.0;
 /// Minimum share of the photograph's variance that a picture explains once a reported change is undone. Poor
 /// predictions reach a quarter.
-const MIN_EXPLAINED: f64 = 0.2;
+pub(super) const MIN_EXPLAINED: f64 = 0.2;
 /// Correlation below which a picture has little in common with a photograph.
 pub(super) const UNLIKE: f64 = 0.15;
 
@@ -149,7 +150,8 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     if has_other_background(&seen, &shown) {
         return Some(PictureChange::OtherBackground);
     }
-    let undone = undone_change(&seen, &shown, ends(picture), photograph.dimensions());
+    let rearranged = rearranged(photograph, picture);
+    let undone = undone_change(&seen, &shown, ends(picture), rearranged);
     let wrapped = || is_wrapped(photograph, picture).then_some(PictureChange::Wrapped);
     let stretched = || stretching(photograph, &seen, &shown, picture).map(PictureChange::Stretched);
     let placed = || placement_change(&seen, &shown);
@@ -200,12 +202,13 @@ fn is_normalised(seen: &RgbImage, shown: &RgbImage) -> bool {
 }
 
 /// The change whose undoing brings the shrunk picture `shown` closest to its photograph `seen`; `None` if none brings
-/// it significantly closer. `ends` are the [`ends()`] of the picture at full size; `(width, height)` is that size.
+/// it significantly closer. `ends` are the [`ends()`] of the picture at full size; `rearranged` is its
+/// [rearrangement](rearranged()).
 fn undone_change(
     seen: &RgbImage,
     shown: &RgbImage,
     ends: [u8; 2],
-    (width, height): (u32, u32),
+    rearranged: Option<(PictureChange, RgbImage)>,
 ) -> Option<PictureChange> {
     let whole = Region::whole(seen.dimensions());
     let fit = |shown: &RgbImage| Likeness::of(seen, whole, shown);
@@ -216,9 +219,10 @@ fn undone_change(
     };
     let moved =
         |changed: &RgbImage| nearer(changed, MIN_GAIN).filter(|fit| fit.is_closer_than(&as_read));
+    // Pictures that are not square were probably stretched to the target's size.
     let turned = |by: fn(&RgbImage) -> RgbImage| {
-        let is_square = width == height;
-        is_square.then(|| moved(&by(shown))).flatten()
+        let turned = by(shown);
+        moved(&thumbnail(&turned, seen.width(), seen.height()))
     };
     let encoded = |transfer: fn(f32) -> f32| {
         let level = |v: u8| quantize(transfer(f32::from(v) / 255.0), Quantization::Round);
@@ -319,8 +323,10 @@ fn undone_change(
             turned(|p| rotate90(&flip_vertical(p))),
         ),
     ];
+    let rearranged = rearranged.map(|(change, undone)| (change, Some(fit(&undone))));
     let likely = all
         .into_iter()
+        .chain(rearranged)
         .chain(swapped)
         .chain(other_spaces)
         .filter_map(|(change, fit)| Some((change, fit?.error())));

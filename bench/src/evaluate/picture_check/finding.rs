@@ -71,6 +71,29 @@ worded! {
         Turned90 = "are turned by 90°",
         Turned270 = "are turned by 270°",
         Transposed = "have rows and columns swapped",
+        /// Samples in the order channel, row, column were reshaped to row, column, channel.
+        ReshapedPlanes =
+            "have their channels one after another (C, H, W) but were reshaped to (H, W, C); permute the axes instead of \
+             reshaping",
+        /// Samples in the order row, column, channel were reshaped to channel, row, column.
+        ReshapedPixels =
+            "have their channels pixel by pixel (H, W, C) but were reshaped to (C, H, W); permute the axes instead of \
+             reshaping",
+        /// Rows and columns were exchanged by reshaping.
+        ReshapedSides =
+            "have width and height exchanged by reshaping (W, H) to (H, W); transpose the axes instead of reshaping",
+        /// The content is moved by a quarter, half or three quarters, and around the sides.
+        Rolled =
+            "are rolled by a quarter, a half or three quarters of their width or height, and around their sides, as by \
+             `fftshift` or `roll`; undo it before storing them",
+        /// The patches lie column by column instead of row by row, or the other way round.
+        PatchOrder =
+            "have their patches or tiles in another order, column by column instead of row by row or the other way round; \
+             put them together in the order in which they were cut, as in `(h w)` rather than `(w h)`",
+        /// Rows and columns are exchanged within each block of some pixels.
+        SubPixelOrder =
+            "have rows and columns exchanged within each block of 2x2 pixels or more, as by a pixel shuffle or patches \
+             with exchanged axes; exchange the two axes within the blocks",
         /// Luma and chroma are stored as red, green and blue.
         Luma = "contain Y, Cb and Cr but were read as red, green and blue",
         /// Hue, saturation and value are stored as red, green and blue.

@@ -5,8 +5,8 @@
 //!
 //! * [`finding`], `measures`: what one picture's comparison yields, as its record stores it.
 //! * One picture and its own target: `change` (mirrored, other channels or levels), `layout` (bars, missing rows),
-//!   `levels`, `placement` (panels, padding), `framing` (zoom, roll, lens), `motion` (another pose), `shift`, `stamp` and
-//!   `tone` (with `curve`).
+//!   `levels`, `placement` (panels, padding), `rearranged` (samples in other places), `framing` (zoom, roll, lens), `motion`
+//!   (another pose), `shift`, `stamp` and `tone` (with `curve`).
 //! * `order`: a `sample` of pictures and other targets than their own.
 //! * What a `group` of pictures has in common: `agreement`, `camera`, and again `shift`, `stamp` and `tone`.
 
@@ -23,6 +23,7 @@ pub(crate) mod measures;
 mod motion;
 pub(crate) mod order;
 mod placement;
+mod rearranged;
 pub(crate) mod sample;
 mod shift;
 pub(crate) mod stamp;
