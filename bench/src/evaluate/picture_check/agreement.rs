@@ -7,6 +7,7 @@ use super::camera::{is_reframed, is_resized};
 use super::change::UNLIKE;
 use super::finding::{PictureChange, ShownTarget, listed};
 use super::group::{Extent, PictureGroup, scene_of};
+use super::sample::FEWEST;
 use crate::evaluate::record::Record;
 
 /// Minimum number of a dataset's pictures that have a change for the change to be reported.
@@ -35,11 +36,17 @@ const MAX_UNEVEN_SHARE: f64 = 0.1;
 /// another exposure.
 const MIN_SPREAD: i16 = 5;
 
-/// The sentences of [`agreed_changes`], without crops and padding if a wrong camera explains them.
+/// The sentences of [`agreed_changes`], without crops and padding if a wrong camera explains them, and without copies of
+/// the source if most compared pictures are such copies, which is reported elsewhere.
 pub(crate) fn changed_pictures(group: &PictureGroup<'_, &Record>) -> Vec<String> {
     let is_reframed = is_reframed(group);
+    let shown = group.pictures.iter().filter_map(|record| record.shows);
+    let copies = shown.clone().filter(|shown| *shown == ShownTarget::Source);
+    let copies = copies.count();
+    let are_copies = copies >= group.extent.fewest(FEWEST) && 2 * copies > shown.count();
     let change = |record: &&Record| {
-        let is_explained = is_reframed && is_resized(record.change);
+        let is_copy = record.change == Some(PictureChange::CopiedSource);
+        let is_explained = is_reframed && is_resized(record.change) || are_copies && is_copy;
         record.change.filter(|_| !is_explained)
     };
     let pictures = group.pictures.iter();
@@ -147,7 +154,10 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
         ),
         change
             if change.is_visible()
-                || matches!(change, PictureChange::Grey | PictureChange::Strip(_)) =>
+                || matches!(
+                    change,
+                    PictureChange::Grey | PictureChange::CopiedSource | PictureChange::Strip(_)
+                ) =>
         {
             format!(
                 "{count} of its {all} pictures {} (compared with the photographs {photographs})",
@@ -198,7 +208,8 @@ pub(crate) fn repeated_pictures(group: &PictureGroup<'_, &Record>) -> Option<Str
     if records().any(|record| record.shows == Some(ShownTarget::Source)) {
         return None;
     }
-    let files = records().filter_map(|record| {
+    let others = records().filter(|record| record.change != Some(PictureChange::CopiedSource));
+    let files = others.filter_map(|record| {
         let files = record.files.as_ref()?;
         let picture = files.pictures.as_ref()?;
         Some((record.pair_id.as_str(), [picture, &files.target]))
@@ -298,6 +309,31 @@ mod tests {
         ] {
             assert_eq!(silent, Vec::<String>::new());
         }
+    }
+
+    #[test]
+    fn copies_of_sources_are_named_unless_most_pictures_are_copies() {
+        let told = |copies: usize, compared: usize| {
+            let of = |at: usize, record: &mut Record| {
+                let is_copy = at < copies;
+                record.change = is_copy.then_some(PictureChange::CopiedSource);
+                let shows = [ShownTarget::Own, ShownTarget::Source][usize::from(is_copy)];
+                record.shows = (at % 3 < compared).then_some(shows);
+            };
+            of_dataset(&records(16, of), changed_pictures)
+        };
+        let start = "3 of its 16 pictures are copies of the source's photograph";
+        for compared in [0, 1, 3] {
+            let said = told(3, compared);
+            assert!(said.len() == 1 && said[0].starts_with(start), "{said:?}");
+        }
+        let said = told(16, 0);
+        assert!(
+            said[0].starts_with("16 of its 16 pictures are copies"),
+            "{said:?}"
+        );
+        assert_eq!(told(16, 3), Vec::<String>::new());
+        assert_eq!(told(1, 3), Vec::<String>::new());
     }
 
     #[test]

@@ -97,7 +97,8 @@ pub(crate) fn is_checked(kind: &str) -> bool {
 }
 
 /// Sets [`Record::change`] if undoing a change brings the picture significantly closer to the photograph, or to the
-/// part of the photograph that the picture covers. `source` reads the source's photograph, shrunk.
+/// part of the photograph that the picture covers, or if it is a copy of the source's photograph, which `source` reads,
+/// shrunk.
 pub(crate) fn note_change(
     record: &mut Record,
     photograph: &RgbImage,
@@ -111,12 +112,18 @@ pub(crate) fn note_change(
     record.change = if part == *picture {
         Some(PictureChange::Photograph)
     } else {
-        likely_change(&part, picture).or_else(|| {
-            // The picture also counts as related if it resembles the source: the method may have ignored a large
-            // motion.
-            let is_other = is_unlike(&shrunk(&part), picture) && is_unlike(&source()?, picture);
-            is_other.then_some(PictureChange::Unlike)
-        })
+        let source = source();
+        if source.as_ref() == Some(&shrunk(picture)) {
+            Some(PictureChange::CopiedSource)
+        } else {
+            likely_change(&part, picture).or_else(|| {
+                // The picture also counts as related if it resembles the source: the method may have ignored a large
+                // motion.
+                let is_other =
+                    is_unlike(&shrunk(&part), picture) && is_unlike(source.as_ref()?, picture);
+                is_other.then_some(PictureChange::Unlike)
+            })
+        }
     };
 }
 
@@ -498,6 +505,36 @@ mod tests {
             }),
         ] {
             assert_eq!(told(&done(&proper)), Some(name));
+        }
+    }
+
+    #[test]
+    fn copies_of_the_source_and_unrelated_pictures_are_noted() {
+        let (target, source) = (picture(14.0, 0), picture(0.0, 0));
+        let noted = |shown: &RgbImage| {
+            let mut record = crate::evaluate::record::tests::record();
+            note_change(&mut record, &target, shown, || Some(shrunk(&source)));
+            record.change
+        };
+        assert_eq!(noted(&target), Some(PictureChange::Photograph));
+        assert_eq!(noted(&source), Some(PictureChange::CopiedSource));
+        // Depths as colours. Their red happens to resemble the source's.
+        let map = RgbImage::from_fn(96, 96, |x, y| {
+            let depth = f64::from(x + y) / 192.0;
+            let [b, g, r] = [1.0, 2.0, 3.0].map(|at| 1.5 - (4.0 * depth - at).abs());
+            let [r, g, b] = [r, g, b].map(|v| (255.0 * v.clamp(0.0, 1.0)) as u8);
+            Rgb([r / 2 + source.get_pixel(x, y).0[0] / 2, g, b])
+        });
+        assert_eq!(noted(&map), Some(PictureChange::Unlike));
+        // Predictions that nearly equal the source, have no content or did not move.
+        for proper in [
+            mapped(&source, |[r, g, b]| [r.saturating_add(1), g, b]),
+            picture(0.0, 1),
+            picture(1.0, 0),
+            image::imageops::fast_blur(&source, 5.0),
+            RgbImage::from_pixel(96, 96, Rgb([90; 3])),
+        ] {
+            assert_eq!(noted(&proper), None);
         }
     }
 

@@ -39,6 +39,10 @@ worded! {
     pub enum PictureChange {
         /// The photograph itself was stored.
         Photograph = "are the photographs themselves",
+        /// The source's photograph was stored.
+        CopiedSource =
+            "are copies of the source's photograph, as with the baseline `copy`; if this is not intended, store the \
+             predictions",
         /// The picture resembles neither its photograph nor the source's, and no other change explains the difference.
         Unlike = "have little in common with the photographs",
         Linear = "contain linear light but were read as sRGB (exr=linear reads such EXR files)",
@@ -200,7 +204,10 @@ impl PictureChange {
         );
         is_moved
             || is_recoloured
-            || matches!(self, Photograph | Panels | EqualChannels | Noise | Unscaled)
+            || matches!(
+                self,
+                Photograph | CopiedSource | Panels | EqualChannels | Noise | Unscaled
+            )
     }
 
     /// The change with its measured numbers set to 0.

@@ -41,6 +41,9 @@ const SURE_SOURCE_VIEW_GAIN: f64 = 5.0;
 /// source's photograph. Predictions of the target's view have a smaller error.
 const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
 
+/// Maximum number of reduced photographs in memory, of about 60 KB each. Pairs in sequence share views.
+const MAX_THUMBNAILS: usize = 1024;
+
 /// Reduced photographs, keyed by dataset, scene and view.
 #[derive(Default)]
 pub(crate) struct Thumbnails(BTreeMap<[String; 3], Option<RgbImage>>);
@@ -51,6 +54,9 @@ impl Thumbnails {
         let scene = planned.scene;
         let name = [&scene.dataset, &scene.id, &view.id].map(Clone::clone);
         let read = || Some(shrunk(&view.content.image().ok()?));
+        if self.0.len() >= MAX_THUMBNAILS {
+            self.0.clear();
+        }
         self.0.entry(name).or_insert_with(read).clone()
     }
 }
