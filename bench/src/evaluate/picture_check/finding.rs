@@ -123,6 +123,10 @@ worded! {
         Bars = "have bars of one colour at two opposite sides, probably padding; remove the bars before storing them",
         /// All rows from some row to the last have one colour.
         Unfinished = "have a single colour from some row down to the last row, as if they were unfinished",
+        /// Successive rows are equal.
+        RepeatedRow =
+            "repeat one row over at least a twentieth of their height, as if their other rows had not been written, or as \
+             if a border had been repeated; write all rows",
         /// Every second row differs from its neighbours.
         Interlaced = "have every second row from another picture, as if two pictures were interlaced",
         /// A white border on all sides.
@@ -182,6 +186,7 @@ impl PictureChange {
                 | Self::Palette
                 | Self::Bars
                 | Self::Unfinished
+                | Self::RepeatedRow
                 | Self::Interlaced
                 | Self::Framed
                 | Self::Panels

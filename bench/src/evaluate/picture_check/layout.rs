@@ -20,6 +20,8 @@ const MAX_UNEVEN: u32 = 2;
 const MIN_STEPS: f64 = 1.2;
 /// Maximum of the ratio in [`MIN_STEPS`] for columns, and for rows of pictures that are not interlaced.
 const MAX_STEPS: f64 = 1.05;
+/// One row repeated in a picture must fill at least one in this many rows to be reported.
+const REPEATED_ROW: usize = 20;
 /// Share of the lines that are equal to the previous line in pictures enlarged by 1.3 to 16 times.
 const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;
 /// Maximum number of successive lines that are equal to the previous line, in enlarged pictures.
@@ -56,19 +58,48 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     if is_interlaced {
         return Some(PictureChange::Interlaced);
     }
+    if repeats_a_row(photograph, picture) {
+        return Some(PictureChange::RepeatedRow);
+    }
     let is_repeated = |of: &RgbImage, is_row| REPEATED.contains(&repeated(of, is_row));
     let has_blocks = is_repeated(picture, true) && is_repeated(picture, false);
     let is_change = has_blocks && [true, false].iter().any(|is| !is_repeated(photograph, *is));
     is_change.then_some(PictureChange::Blocks)
 }
 
+/// Whether successive rows of the picture equal one row of several colours, unlike in the photograph. Columns are
+/// ignored, because methods often repeat the border of the source where a horizontal motion leaves a hole.
+fn repeats_a_row(photograph: &RgbImage, picture: &RgbImage) -> bool {
+    let runs = |of: &RgbImage| {
+        let mut longest = (0, 0);
+        let mut at = 1;
+        for run in equal_lines(of, true).chunk_by(|a, b| a == b) {
+            if run[0] && run.len() > longest.0 {
+                longest = (run.len(), at);
+            }
+            at += run.len();
+        }
+        longest
+    };
+    let (count, at) = runs(picture);
+    let least = (picture.height() as usize / REPEATED_ROW).max(MAX_REPEATED + 1);
+    count >= least
+        && colour_of(picture, true, at as u32).is_none()
+        && 2 * runs(photograph).0 < count
+}
+
+/// For each row (or column) but the first, whether it equals the previous one.
+fn equal_lines(picture: &RgbImage, is_row: bool) -> Vec<bool> {
+    let (width, height) = picture.dimensions();
+    let all = if is_row { height } else { width };
+    let is_equal = |at: u32| line(picture, is_row, at).eq(line(picture, is_row, at - 1));
+    (1..all).map(is_equal).collect()
+}
+
 /// The share of the rows (or columns) of `picture` that equal the previous one. Returns 1 if more than `MAX_REPEATED`
 /// successive ones do, as in bars.
 fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
-    let (width, height) = picture.dimensions();
-    let all = if is_row { height } else { width };
-    let is_equal = |at: &u32| line(picture, is_row, *at).eq(line(picture, is_row, at - 1));
-    let equal: Vec<bool> = (1..all).map(|at| is_equal(&at)).collect();
+    let equal = equal_lines(picture, is_row);
     if equal
         .chunk_by(|a, b| a == b)
         .any(|run| run[0] && run.len() > MAX_REPEATED)
@@ -263,6 +294,25 @@ mod tests {
             told(|_, y| black(y % 2 == 1)),
             Some(PictureChange::Interlaced)
         );
+    }
+
+    #[test]
+    fn a_repeated_row_is_told() {
+        let own = photograph(1);
+        let row = |is: bool, x: u32| is.then(|| own.get_pixel(x, 65).0);
+        let repeated = Some(PictureChange::RepeatedRow);
+        assert_eq!(told(|x, y| row(y > 65, x)), repeated);
+        assert_eq!(told(|x, y| row((30..50).contains(&y), x)), repeated);
+        // Few rows, columns, holes, and a wall without texture that the photograph has, too.
+        for proper in [
+            told(|x, y| row(y > 75, x)),
+            told(|x, y| (x > 80).then(|| own.get_pixel(80, y).0)),
+            told(|_, y| (30..60).contains(&y).then_some([0; 3])),
+        ] {
+            assert_eq!(proper, None);
+        }
+        let wall = |of: RgbImage| RgbImage::from_fn(120, 90, |x, y| *of.get_pixel(x, y.min(50)));
+        assert_eq!(layout_change(&wall(photograph(0)), &wall(own)), None);
     }
 
     #[test]
