@@ -29,6 +29,8 @@ pub(super) enum Curve {
     Power { gains: [f64; 3], gamma: f64 },
     /// Linear light is multiplied by a factor.
     Exposure(f64),
+    /// A factor and an offset, alike for all channels.
+    Line { slope: f64, offset: f64 },
     /// Maps linear light x to x / (1 + x).
     Reinhard,
     /// A rising cubic polynomial, with its coefficients from the constant one on.
@@ -48,6 +50,7 @@ impl Curve {
                 let light = factor as f32 * linear_from_srgb(level as f32);
                 f64::from(srgb_from_linear(light))
             }
+            Self::Line { slope, offset } => slope * level + offset,
             Self::Reinhard => {
                 let light = linear_from_srgb(level as f32);
                 f64::from(srgb_from_linear(light / (1.0 + light)))
@@ -87,6 +90,13 @@ impl Curve {
                 return format!(
                     "have {factor:.2} times the linear light of the photographs, as with another exposure ({:+.2} EV)",
                     factor.log2()
+                );
+            }
+            Self::Line { slope, offset } => {
+                let [black, white] = [offset, slope + offset].map(|v| (255.0 * v).round());
+                return format!(
+                    "have {slope:.2} times the contrast of the photographs, with black at level {black} and white at \
+                     {white}, as if they were blended with one colour or had another range of levels"
                 );
             }
             Self::Reinhard => {
@@ -154,7 +164,7 @@ fn error(pairs: &[LevelPair], curve: Curve) -> f64 {
     pairs.iter().map(off).sum()
 }
 
-/// The slope of the line that fits best, and the sum of squared differences from it.
+/// The line that fits best by least squares, as slope and offset.
 fn line(pairs: &[LevelPair]) -> (f64, f64) {
     let count = pairs.len().max(1) as f64;
     let mean = |of: fn(&LevelPair) -> f64| pairs.iter().map(of).sum::<f64>() / count;
@@ -162,7 +172,7 @@ fn line(pairs: &[LevelPair]) -> (f64, f64) {
     let sum =
         |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|p| of(p.1 - x, p.2 - y)).sum::<f64>();
     let slope = sum(&|x, y| x * y) / sum(&|x, _| x * x).max(1e-9);
-    (slope, sum(&|x, y| (y - slope * x).powi(2)))
+    (slope, y - slope * x)
 }
 
 /// The curve with the fewest parameters that explains the pairs of levels; `None` if no curve does.
@@ -193,12 +203,18 @@ pub(super) fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
     });
     let count = pairs.len().max(1) as f64;
     let exposure = (stops.sum::<f64>() / count).exp2();
+    let (contrast, offset) = line(pairs);
+    let line = Curve::Line {
+        slope: contrast,
+        offset,
+    };
     let curves = [
         Curve::AS_READ,
         Curve::Reinhard,
         power(1.0, [factor.exp(); 3]),
         Curve::Exposure(exposure),
         power(slope([[0.0; 2]; 3]), [1.0; 3]),
+        line,
         power(1.0, gains(1.0)),
         power(own, gains(own)),
     ];
@@ -207,15 +223,16 @@ pub(super) fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
     // A method that blurs or hedges loses contrast, but keeps the mean. A line, or a power below 1, describes this.
     let shift = pairs.iter().map(|(_, from, to)| to - from).sum::<f64>() / count;
     let is_shifted = shift.abs() >= MIN_MEAN_SHARE * off;
-    let (contrast, line) = line(pairs);
+    let off_line = error(pairs, line);
     let is_told = |curve: &Curve| match curve {
         Curve::Power { gamma, .. } if *gamma != 1.0 => {
-            is_shifted || *gamma > 1.0 && error(pairs, *curve) <= MAX_BETTER_ERROR * line
+            is_shifted || *gamma > 1.0 && error(pairs, *curve) <= MAX_BETTER_ERROR * off_line
         }
+        Curve::Line { .. } => is_shifted,
         Curve::Cubic(_) => {
             let error = error(pairs, *curve);
             let is_close = 255.0 * (error / count).sqrt() <= MAX_OFF_CUBIC;
-            is_close && (contrast >= MIN_RAISED_CONTRAST || error <= MAX_CUBIC_ERROR * line)
+            is_close && (contrast >= MIN_RAISED_CONTRAST || error <= MAX_CUBIC_ERROR * off_line)
         }
         _ => true,
     };

@@ -12,7 +12,7 @@ use image::imageops::thumbnail;
 use sharp::color::linear_from_srgb;
 
 use super::camera::is_reframed;
-use super::curve::{LevelPair, explained, explaining, level_pairs};
+use super::curve::{Curve, LevelPair, explained, explaining, level_pairs};
 use super::group::{Extent, PictureGroup};
 use super::measures::Tone;
 use crate::evaluate::record::Record;
@@ -240,7 +240,12 @@ fn common_curve(tones: &[&Tone], name: &str, extent: Extent) -> Option<String> {
                  balance, and the predictions are not to blame"
             )
         } else {
-            format!("{told}; the sources do not have this change; store the pictures in sRGB, as the photographs are")
+            let advice = if let Curve::Line { .. } = curve {
+                "store the values as predicted, without blending or stretching them"
+            } else {
+                "store the pictures in sRGB, as the photographs are"
+            };
+            format!("{told}; the sources do not have this change; {advice}")
         }
     })
 }
@@ -381,7 +386,13 @@ mod tests {
             let light = x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14);
             f64::from(srgb_from_linear(light.min(1.0) as f32))
         }
-        let cases: [(&str, f64, &Change); 9] = [
+        let cases: [(&str, f64, &Change); 11] = [
+            ("blended with one colour", 0.75, &|_, _, _, color| {
+                color.map(|v| 0.75 * v + 0.25 * 0.85)
+            }),
+            ("another range of levels", 1.2, &|_, _, _, color| {
+                color.map(|v| 1.2 * v - 0.18)
+            }),
             ("another exposure (-1.5", 0.35, &|_, _, _, color| {
                 color.map(exposed)
             }),
