@@ -156,7 +156,10 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
             if change.is_visible()
                 || matches!(
                     change,
-                    PictureChange::Grey | PictureChange::CopiedSource | PictureChange::Strip(_)
+                    PictureChange::Grey
+                        | PictureChange::CopiedSource
+                        | PictureChange::RepeatedRow
+                        | PictureChange::Strip(_)
                 ) =>
         {
             format!(
@@ -280,6 +283,10 @@ mod tests {
         assert!(sentences(bgr, 7, 8)[0].contains("red and blue swapped; 7 of 8 "));
         assert!(sentences(wrapped, 3, 8)[0].starts_with("3 of its 8 pictures have very bright"));
         assert_eq!(sentences(PictureChange::Padded, 4, 8).len(), 1);
+        // Few pictures repeat a row where a vertical motion leaves a hole.
+        let row = PictureChange::RepeatedRow;
+        assert_eq!(sentences(row, 4, 8), Vec::<String>::new());
+        assert!(sentences(row, 8, 8)[0].starts_with("8 of its 8 pictures repeat one row"));
     }
 
     #[test]

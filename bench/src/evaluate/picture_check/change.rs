@@ -43,9 +43,9 @@ const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
 const MIN_GAIN_BY_RANK: f64 = 8.0;
 /// [`MIN_GAIN`] for another range of levels, in dB, because other exposures resemble other ranges.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
-/// PSNR below which other colour spaces are tried, in dB. The limit saves time. Pictures stored in another colour space
-/// have 8 to 13 dB.
-const MAX_OF_SPACES: f64 = 20.0;
+/// PSNR below which other colour spaces and rearrangements are tried, in dB. The limit saves time. Pictures stored in
+/// another colour space have 8 to 13 dB, rearranged ones 13 to 17.
+pub(super) const MAX_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end of the range, because JPEG and resampling cause ringing there.
 const BEYOND_ENDS: f64 = 0.002;
 /// Correlation with the photograph below which a picture is a negative. If the correlation of red minus blue is below
@@ -226,10 +226,13 @@ fn undone_change(
     };
     let moved =
         |changed: &RgbImage| nearer(changed, MIN_GAIN).filter(|fit| fit.is_closer_than(&as_read));
+    let is_far = as_read.psnr() < MAX_OF_SPACES;
     // Pictures that are not square were probably stretched to the target's size.
     let turned = |by: fn(&RgbImage) -> RgbImage| {
-        let turned = by(shown);
-        moved(&thumbnail(&turned, seen.width(), seen.height()))
+        let turned = || moved(&thumbnail(&by(shown), seen.width(), seen.height()));
+        (is_far || seen.width() == seen.height())
+            .then(turned)
+            .flatten()
     };
     let encoded = |transfer: fn(f32) -> f32| {
         let level = |v: u8| quantize(transfer(f32::from(v) / 255.0), Quantization::Round);
@@ -267,7 +270,6 @@ fn undone_change(
         color.map(|v| ((f32::from(v) - 16.0) * 255.0 / 219.0).round() as u8)
     });
     let full = is_limited(seen, shown, ends).then(|| fit(&full));
-    let is_far = as_read.psnr() < MAX_OF_SPACES;
     let spaces = OTHER_SPACES.into_iter().filter(|_| is_far);
     let other_spaces = spaces.map(|(change, to_rgb, order)| {
         let rgb = mapped(shown, |color| to_rgb(order.map(|channel| color[channel])));

@@ -186,7 +186,6 @@ impl PictureChange {
                 | Self::Palette
                 | Self::Bars
                 | Self::Unfinished
-                | Self::RepeatedRow
                 | Self::Interlaced
                 | Self::Framed
                 | Self::Panels

@@ -6,7 +6,7 @@
 use image::imageops::{crop_imm, thumbnail};
 use image::{Rgb, RgbImage};
 
-use super::change::{MIN_EXPLAINED, MIN_GAIN, shrunk};
+use super::change::{MAX_OF_SPACES, MIN_EXPLAINED, MIN_GAIN, shrunk};
 use super::finding::PictureChange;
 use crate::evaluate::gaussians::likeness::{Likeness, window};
 use crate::scoring::Region;
@@ -14,9 +14,8 @@ use crate::scoring::Region;
 /// Number of points at which all rearrangements are tried. With as many, gains are exact to some tenths of a dB, and a
 /// picture takes about a millisecond.
 const POINTS: usize = 1024;
-/// PSNR from which nothing is tried, in dB. The limit saves time. Swapped sub-pixels, the least harmful rearrangement,
-/// leave about 24 dB.
-const MAX_PSNR: f64 = 30.0;
+/// [`MAX_OF_SPACES`] for blocks of sub-pixels, in dB. These do the least harm: good pictures keep about 24 dB.
+const MAX_OF_BLOCKS: f64 = 30.0;
 /// Smallest patches that are tried, in pixels. Patches of networks have 8 to 64.
 const MIN_PATCH: usize = 8;
 /// Numbers of patches across and down that are tried whatever the shape of the patches, as in tiled inference.
@@ -179,10 +178,13 @@ pub(super) fn rearranged(
         places.iter().map(off).sum()
     };
     let as_read = error(&|[x, y, c]| picture.as_raw()[(y * size[0] + x) * 3 + c]);
-    if as_read / POINTS as f64 <= 255.0 * 255.0 / 10_f64.powf(MAX_PSNR / 10.0) {
+    let psnr = 10.0 * (255.0 * 255.0 * POINTS as f64 / as_read).log10();
+    if psnr >= MAX_OF_BLOCKS {
         return None;
     }
-    let errors = Rearrangement::all(size).into_iter();
+    let is_tried =
+        |by: &Rearrangement| psnr < MAX_OF_SPACES || matches!(by, Rearrangement::Blocks(_));
+    let errors = Rearrangement::all(size).into_iter().filter(is_tried);
     let errors = errors.map(|by| (by, error(&|at| by.sample(picture, at, size))));
     let (found, least) = errors.min_by(|a, b| a.1.total_cmp(&b.1))?;
     if 10.0 * (as_read / least).log10() < MIN_GAIN {
@@ -335,7 +337,11 @@ mod tests {
         };
         let waves = |by: u32| {
             RgbImage::from_fn(SIZE.0, SIZE.1, |x, _| {
-                Rgb([if (x + by) / 5 % 2 == 0 { 60 } else { 190 }; 3])
+                Rgb([if ((x + by) / 5).is_multiple_of(2) {
+                    60
+                } else {
+                    190
+                }; 3])
             })
         };
         // Shifted by a quarter, with new content at the side, as if the method ignored a motion.
