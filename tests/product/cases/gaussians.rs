@@ -295,7 +295,7 @@ fn extensions_may_have_any_case() {
 #[test]
 fn files_under_the_names_of_their_neighbours_are_named() {
     let case = case("X15-gaussians-of-neighbour");
-    case.is_said_everywhere("r", "predicted from at 20.42 dB PSNR");
+    case.is_said_everywhere("r", "photograph at 20.42 dB PSNR");
 }
 
 #[test]
