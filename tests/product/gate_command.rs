@@ -401,7 +401,7 @@ fn files_exit_codes_and_errors() {
     let any_loss = gate(dir, "a", "b", &[]).ends_with(0).out;
     assert!(any_loss.contains("psnr < 0"), "{any_loss}");
     gate(dir, "a", "b", &["--fail-if", "ssim < -0.1"])
-        .is_usage_error_with(&["ssim < -0.1", "they share psnr"]);
+        .is_usage_error_with(&["ssim < -0.1", "that both runs have: psnr"]);
     std::fs::write(dir.join("gate.toml"), "fail_if = []\nspeed = 1\n").unwrap();
     with(&[]).is_usage_error_with(&["gate.toml: line 2", "speed"]);
     gate(dir, "a", "b", &["--config", "absent.toml"]).is_error_with(&["absent.toml"]);

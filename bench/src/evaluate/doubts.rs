@@ -69,14 +69,16 @@ fn outlying_sources<'a>(
         .clone()
         .filter(|r| r.extras.contains_key(SOURCE_BLUR));
     let blurred: BTreeSet<&str> = blurred.map(|r| source_of(&r.pair_id)).collect();
-    // The file of each source; one file of several sources cannot belong to another one of them.
-    let file = |r: &'a Record| Some(&r.files.as_ref()?.gaussians.as_ref()?.hash);
-    let files: BTreeMap<&str, _> = records
+    let file = |r: &'a Record| Some(r.files.as_ref()?.gaussians.as_ref()?.hash.as_str());
+    let files: BTreeMap<&str, Option<&str>> = records
         .clone()
         .map(|r| (source_of(&r.pair_id), file(r)))
         .collect();
-    let is_shared = |name: &str| {
-        files[name].is_some() && files.values().filter(|f| **f == files[name]).count() > 1
+    // One file of all sources cannot belong to another one of them.
+    let is_shared = |group: &BTreeMap<&str, f64>| {
+        let mut files = group.keys().map(|name| files[name]);
+        let first = files.next().flatten();
+        first.is_some() && files.all(|file| file == first)
     };
     let scopes = [(true, f64::INFINITY), (false, UNLIKE_ANY_SCENE)];
     let found = scopes.into_iter().find_map(|(by_scene, most)| {
@@ -88,9 +90,10 @@ fn outlying_sources<'a>(
                 group.insert(source_of(&record.pair_id), *psnr);
             }
         }
-        let apart = groups.values().filter_map(|group| {
+        let groups = groups.values().filter(|group| !is_shared(group));
+        let apart = groups.filter_map(|group| {
             let [mut worse, others] = apart(group, most)?;
-            worse.retain(|(name, _)| !blurred.contains(name) && !is_shared(name));
+            worse.retain(|(name, _)| !blurred.contains(name));
             (!worse.is_empty()).then_some([worse, others])
         });
         apart.reduce(|all, more| [0, 1].map(|part| [&all[part][..], &more[part]].concat()))
@@ -320,6 +323,28 @@ mod tests {
         let values = [31.0, 31.5, 32.0, 32.2, 22.0, 22.1, 22.6, 23.0];
         let two: Vec<(&str, f64)> = names.into_iter().zip(values).collect();
         assert_eq!(shown(&two), None);
+    }
+
+    #[test]
+    fn one_file_of_a_scene_has_no_other_source() {
+        use super::super::record::{GaussiansRead, PairFiles};
+        let mut records = records(&[("s/a", 30.0), ("s/b", 17.0), ("s/c", 31.0), ("s/d", 29.0)]);
+        let of = |file: &str| {
+            Some(PairFiles {
+                source: String::new(),
+                target: String::new(),
+                pictures: None,
+                gaussians: Some(GaussiansRead {
+                    file: file.to_owned(),
+                    hash: file.to_owned(),
+                }),
+            })
+        };
+        records.iter_mut().for_each(|record| record.files = of("s"));
+        assert_eq!(outlying_sources(records.iter(), "gaussians"), None);
+        // The file of a under the names of a and b.
+        records[2].files = of("c");
+        assert!(outlying_sources(records.iter(), "gaussians").is_some());
     }
 
     #[test]
