@@ -288,8 +288,14 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
     let args = [&args[..], &["--metrics", "psnr", "--out", "itself"]].concat();
     sharp_bench(dir, &args).ends_with(0);
     let itself = dir.join("itself").display().to_string();
-    let args = words("explain psnr-ssim --metrics psnr --json");
-    let args = [&args[..], &[&*itself]].concat();
+    let args = [
+        "explain",
+        "psnr-ssim",
+        &itself,
+        "--metrics",
+        "psnr",
+        "--json",
+    ];
     let json = sharp_bench(dir, &args).ends_with(0).json();
     let cell = &json["runs"][0]["cells"][0];
     assert_eq!(

@@ -25,11 +25,14 @@ fn config(folder: &Path) -> String {
 }
 
 fn arguments(out: &str) -> Vec<&str> {
-    let mut arguments = words(
-        "train t.toml --validation synthetic=size=64x48,views=20 --validation-pairs 1 --metrics psnr --json --quiet",
-    );
-    arguments.extend(["--out", out]);
-    arguments
+    let validation = "--validation synthetic=size=64x48,views=20 --validation-pairs 1";
+    [
+        &words("train t.toml --out")[..],
+        &[out],
+        &words(validation),
+        &words("--metrics psnr --json --quiet"),
+    ]
+    .concat()
 }
 
 fn train(folder: &Path, out: &str) -> Said {

@@ -310,7 +310,7 @@ impl StoredForm {
                 *scale = if to_stored {
                     *scale * *scale
                 } else {
-                    scale.sqrt()
+                    scale.clamp(0.0, f32::INFINITY).sqrt()
                 };
             } else if power > 0.0 {
                 *scale = if to_stored {
