@@ -48,8 +48,10 @@ impl Display for Protocol {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let pairs = match &self.pairs {
             PairRule::Paper => "built as the SHARP paper states".to_owned(),
-            PairRule::List(what) => format!("{what}; --pairs FILE"),
-            PairRule::NoSource(rule) => format!("no source view ({rule}); --pairs FILE"),
+            PairRule::List(what) => format!("{what}; give it with --pairs FILE"),
+            PairRule::NoSource(rule) => format!(
+                "no source view ({rule}); state a source for each target in a list, and give it with --pairs FILE"
+            ),
             PairRule::Refused(reason) => format!("refused: {reason}"),
         };
         for (what, text) in [

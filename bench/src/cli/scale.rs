@@ -10,9 +10,9 @@ use crate::config::RunConfig;
 use crate::evaluate::RunFolder;
 use crate::scale::{Kubernetes, Shards, Slurm, kubernetes, slurm};
 
-/// Write the files that run a plan on a cluster
+/// Write the job files that run a plan, made by `run --plan-only`, on a cluster
 ///
-/// The plan, made by `run --plan-only`, must be visible to all nodes. Jobs request the resources
+/// The plan must be visible to all nodes. Jobs request the resources
 /// that the plan estimated; read the files before you submit them. With any other scheduler, run
 /// `run --plan DIR --shard I/N` for I from 1 to N, then `merge DIR`.
 #[derive(Debug, Args)]
@@ -23,8 +23,8 @@ pub(super) struct ScaleArgs {
 
 #[derive(Debug, Subcommand)]
 enum Scheduler {
-    /// Write Slurm array jobs: a script per stage, one for merging, and submit.sh, which submits
-    /// the remaining shards. A plan with `command` methods needs --allow-programs
+    /// Write Slurm array jobs: a script per stage of the run, one for merging, and submit.sh, which submits
+    /// the shards that are not finished yet. A plan with `command` methods needs --allow-programs
     #[command(after_help = "\
 Example:
   sharp-bench scale slurm --plan /shared/runs/all --shards 64 --cpus 8 --out jobs \\

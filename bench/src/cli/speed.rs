@@ -20,7 +20,7 @@ use crate::report::speed::{Measured, SpeedReport, compute::compute};
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::scoring::Scoring;
 
-/// Measure inference and rendering separately, or add up the hours of runs and list their hardware
+/// Time inference and rendering separately, or add up the hours of finished runs and list their hardware
 ///
 /// With --method and --dataset, measures each method alone on a few pairs of each dataset, at the targets' resolution
 /// and after a warm-up. Reports medians, spread, peak memory, and the number of Gaussians rendered. For given runs,
@@ -35,7 +35,7 @@ Examples:
 
 Writes speed.md, speed.tex and, for measured methods, speed.csv. Run nothing else at the same time.")]
 pub(super) struct SpeedArgs {
-    /// Run folders whose hours to add up and whose hardware to list
+    /// Run folders: add up their hours and list their hardware
     #[arg(value_name = "RUN", required_unless_present = "methods")]
     runs: Vec<PathBuf>,
     /// A method to measure, KIND[:key=value,…]; repeatable

@@ -181,7 +181,7 @@ impl Placement {
     }
 }
 
-/// Parses `none`, the twelve numbers of a matrix by columns, or the name of a file with one.
+/// Parses `none`, twelve numbers (a 3×4 matrix, column by column), or the path of a file that contains a matrix.
 fn transform(text: &str) -> Result<Option<DAffine3>, String> {
     match twelve(text) {
         None if text == "none" => Ok(None),

@@ -48,7 +48,7 @@ pub fn methods_text(results: &Results) -> MethodsText {
         },
     );
     let mut before = vec![format!(
-        "View synthesis was evaluated with \\texttt{{sharp-bench}} {} after {protocol}.",
+        "View synthesis was evaluated with \\texttt{{sharp-bench}} {}, following {protocol}.",
         escape(&manifest.version)
     )];
     before.push(datasets(manifest, records));
@@ -325,7 +325,7 @@ mod tests {
         let text = methods_text(&results);
         let listed = results.manifest.pairs.listed;
         for part in [
-            "\\texttt{sharp-bench} 9.9 after the protocol of SHARP~\\cite{mescheder2025sharp}.",
+            "\\texttt{sharp-bench} 9.9, following the protocol of SHARP~\\cite{mescheder2025sharp}.",
             "D\\_1 ($n=2$, 16$\\times$12 pixels)",
             &format!("all {listed} pairs has the sha256 \\texttt{{0123456789ab}}"),
             "1 of 2 predictions failed",

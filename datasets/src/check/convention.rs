@@ -174,12 +174,12 @@ pub(super) fn turned_in_place(pose: &RigidTransform, rotation: DMat3) -> RigidTr
     }
 }
 
-/// Reinterprets a quaternion that was read as w, x, y, z as x, y, z, w.
+/// Reorders a quaternion whose numbers were read as (w, x, y, z) but are (x, y, z, w).
 fn w_last(read: DQuat) -> DQuat {
     DQuat::from_xyzw(read.w, read.x, read.y, read.z)
 }
 
-/// Reinterprets a quaternion that was read as x, y, z, w as w, x, y, z.
+/// Reorders a quaternion whose numbers were read as (x, y, z, w) but are (w, x, y, z).
 fn w_first(read: DQuat) -> DQuat {
     DQuat::from_xyzw(read.y, read.z, read.w, read.x)
 }

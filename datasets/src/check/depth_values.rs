@@ -10,7 +10,7 @@ use super::explained::TOLERANCE;
 use super::neighbours::Neighbours;
 use super::small_view::Sample;
 
-/// Minimum fraction of depths at the maximum value for depth to count as clipped.
+/// Depth counts as clipped only if at least this fraction of its values equal the maximum.
 const MIN_LIMITED: f64 = 0.01;
 /// Minimum number of positions with known depth for the depth to be judged.
 const ENOUGH_LIMITED: usize = 100;

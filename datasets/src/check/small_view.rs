@@ -1,5 +1,5 @@
-//! Views at a reduced size. Interpretations can be compared cheaply, and an error of many pixels of the photograph
-//! becomes one of a few pixels.
+//! Views at a reduced size, at which interpretations of a dataset can be compared cheaply. An error of many pixels of the
+//! photograph is only a few pixels here.
 
 use std::sync::Arc;
 

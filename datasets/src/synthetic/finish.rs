@@ -12,7 +12,7 @@ pub(super) enum Finish {
         /// Index of refraction, above 1.
         index: f64,
         thickness_m: f64,
-        /// Fraction of each transmitted colour that is not absorbed.
+        /// For each colour, the fraction of the light entering the glass that is not absorbed inside it.
         tint: DVec3,
         /// Surfaces behind the pane within this distance, in metres, are skipped, such as the wall
         /// that a window is in.

@@ -27,8 +27,8 @@ use crate::io::gaussian_files;
 use crate::pictures::keyed_scores::json_number;
 use crate::rendering::SharedRenderer;
 
-/// Compare a network with a recording, stage by stage, and report the first stage that diverges; or compare the
-/// Gaussians of a port of SHARP with those of sharp-bench
+/// Compare a network's intermediate values with those that `record` saved, stage by stage, and report the first stage
+/// that diverges; or compare the Gaussians of a port of SHARP with those of sharp-bench
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -53,7 +53,7 @@ and settings (axes, order, encodings) that explain large differences. The exit c
 pub(crate) struct ParityArgs {
     #[command(flatten)]
     model: ModelArgs,
-    /// The photograph that was recorded (--golden), or that the port predicted from (--port)
+    /// The photograph that `record` (--golden) or the port (--port) was given
     #[arg(long, value_name = "IMG", required_unless_present = "against")]
     image: Option<PathBuf>,
     #[command(flatten)]

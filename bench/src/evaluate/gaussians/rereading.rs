@@ -152,7 +152,8 @@ impl Trial<'_> {
         }
     }
 
-    /// [`Trial::fit`] under the reading `other`, for Gaussians that were decoded by `reading`.
+    /// Like [`Trial::fit`], but as if the file, which was read with the settings `reading`, had been read with those of
+    /// `other`.
     pub(in crate::evaluate) fn fit_read(
         &self,
         gaussians: &Gaussians,

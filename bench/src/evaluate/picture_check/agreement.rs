@@ -30,7 +30,7 @@ const MIN_SHARE_NAMED: f64 = 0.02;
 const MIN_REPEATED: usize = 3;
 /// Maximum difference in thickness of strips that count as equal, in thousandths of the height.
 const MAX_UNEVEN: f64 = 8.0;
-/// [`MAX_UNEVEN`] as a share of the thickness; the larger of the two counts.
+/// Like [`MAX_UNEVEN`], but as a share of the thickness; the larger limit applies.
 const MAX_UNEVEN_SHARE: f64 = 0.1;
 /// Minimum difference of gains, in percent, for pictures to count as stretched one by one. Equal gains rather indicate
 /// another exposure.
@@ -148,9 +148,9 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
             change.text()
         ),
         PictureChange::LimitedRange => format!(
-            "its pictures look as if they {}; in {counted}, levels are about 16 where the photographs {photographs} are \
-             black and about 235 where they are white",
-            change.text()
+            "its pictures look as if they have the limited range of video, 16 to 235, but were read as 0 to 255: in \
+             {counted}, levels are about 16 where the photographs {photographs} are black and about 235 where those are \
+             white; store them with the full range"
         ),
         change
             if change.is_visible()

@@ -280,8 +280,8 @@ fn wider_colours(tones: &[&Tone], dataset: &str) -> Option<String> {
         let is_found = count >= MIN_PICTURES && count as f64 >= MIN_SHARE * all as f64;
         is_found.then(|| {
             format!(
-                "its pictures mix red, green and blue like pictures in {space} that are read as sRGB ({count} of the {all} \
-                 compared in pairs of {dataset} agree); convert them to sRGB, or store them with their colour profile"
+                "its pictures have the colours of pictures in {space} that are read as sRGB ({count} of the {all} pictures \
+                 compared for {dataset}); convert them to sRGB, or store them with their colour profile"
             )
         })
     })

@@ -157,7 +157,7 @@ pub fn chosen<'a>(
     });
     let chosen: Vec<ChosenPair<'_>> = chosen.collect();
     if let (Choice::Loses(one, other), true) = (choose, chosen.is_empty()) {
-        let reason = format!("{one} loses no pair against {other} in the first metric");
+        let reason = format!("{one} loses no pair against {other} in the first chosen metric");
         return Err(PlotError::new(format!("--choose {choose}"), reason).into());
     }
     Ok(chosen)

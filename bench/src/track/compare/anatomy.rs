@@ -174,7 +174,7 @@ impl RunComparison {
             if network(at_hand) != network(of_runs) {
                 let (found, used) = (network(at_hand), network(of_runs));
                 return Err(refused(format!(
-                    "{} was computed on {}, but {} is available",
+                    "the runs computed {} with {}, but {} is available",
                     of_runs.key,
                     used.as_deref().unwrap_or("no network"),
                     found.as_deref().unwrap_or("none"),

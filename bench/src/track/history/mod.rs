@@ -149,7 +149,7 @@ fn check(occasion: &Occasion) -> Result<(), String> {
         Ok(())
     } else {
         Err(format!(
-            "the date '{}' is not in the calendar or not of the form YYYY-MM-DD or YYYY-MM-DDTHH:MM",
+            "the date '{}' does not exist or is not written as YYYY-MM-DD or YYYY-MM-DDTHH:MM",
             visible_line(&occasion.date)
         ))
     }

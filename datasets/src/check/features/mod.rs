@@ -311,9 +311,9 @@ impl Compared {
     fn evidence(&self) -> String {
         let percent = |count: usize| 100.0 * count as f64 / self.matches as f64;
         format!(
-            "{:.0} % of {} features that match between neighbouring views lie on their epipolar lines instead of {:.0} %",
-            percent(self.after),
+            "of {} features matched between neighbouring views, {:.0} % lie on their epipolar lines instead of {:.0} %",
             self.matches,
+            percent(self.after),
             percent(self.before)
         )
     }
