@@ -522,7 +522,7 @@ mod tests {
         assert_eq!(noted(&source), Some(PictureChange::CopiedSource));
         // Depths as colours. Their red happens to resemble the source's.
         let map = RgbImage::from_fn(96, 96, |x, y| {
-            let depth = f64::from(x + y) / 192.0;
+            let depth = f64::from(x + 96 - y) / 192.0;
             let [b, g, r] = [1.0, 2.0, 3.0].map(|at| 1.5 - (4.0 * depth - at).abs());
             let [r, g, b] = [r, g, b].map(|v| (255.0 * v.clamp(0.0, 1.0)) as u8);
             Rgb([r / 2 + source.get_pixel(x, y).0[0] / 2, g, b])
