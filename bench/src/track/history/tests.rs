@@ -268,7 +268,7 @@ fn what_is_said_of_a_run_is_one_line_and_a_day() {
         (Some("\u{1b}[2J"), None, None, "\\u001b"),
         (Some("é"), Some(" "), None, "commit"),
         (None, Some("\u{202e}x"), None, "commit"),
-        (None, None, Some("2026-02-30"), "calendar"),
+        (None, None, Some("2026-02-30"), "does not exist"),
     ] {
         let error = said(label, commit, date).unwrap_err().to_string();
         assert!(error.contains(part), "{error}");
