@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p sharp-kernels`. Times are CPU time of the process, summed over threads. Rates are floating-point
 //! operations (shown as elements) per second of CPU time, where operations are counted as in the direct sum, so that
-//! Winograd may exceed the machine's peak.
+//! the rate of Winograd's convolutions, which need fewer operations, may exceed the machine's peak.
 
 #[path = "../../benches/cpu_time/mod.rs"]
 mod cpu_time;

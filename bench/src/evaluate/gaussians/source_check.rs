@@ -62,8 +62,8 @@ const MIN_COVERED_BETWEEN: f64 = 0.9;
 /// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds per
 /// pixel.
 const ABSURD_LAYERS: f64 = 5000.0;
-/// Minimum mean share of the picture that a Gaussian covers. With a smaller one, [`ABSURD_LAYERS`] causes no warning,
-/// because millions of small Gaussians on a small picture are fine.
+/// [`ABSURD_LAYERS`] causes a warning only if a Gaussian covers at least this share of the picture on average: millions of
+/// small Gaussians on a small picture are fine.
 const ABSURD_SHARE: f64 = 0.02;
 
 pub(in crate::evaluate) struct CheckedSource<'a> {
@@ -186,11 +186,15 @@ pub(in crate::evaluate) fn check_source(
             source.scene,
         )?
     {
+        // Depth is compared in that view, too, unless the method has the privilege to use it.
+        let mut views = source.scene.views.iter();
+        let view = views.find(|view| source.depth.is_some() && view.id == camera.id);
+        let depth = view.and_then(|view| view.content.depth().ok().flatten());
         let best = CheckedSource {
             camera: &camera,
             photograph: &photograph,
             valid: None,
-            depth: None,
+            depth: depth.as_ref(),
             ..*source
         };
         let seen_by = GaussianPrediction {

@@ -33,7 +33,7 @@ pub(super) enum Curve {
     Line { slope: f64, offset: f64 },
     /// Maps linear light x to x / (1 + x).
     Reinhard,
-    /// A rising cubic polynomial, with its coefficients from the constant one on.
+    /// The coefficients of a cubic polynomial that rises, by ascending power.
     Cubic([f64; 4]),
 }
 

@@ -86,7 +86,7 @@ worded! {
         /// Rows and columns were exchanged by reshaping.
         ReshapedSides =
             "have width and height exchanged by reshaping (W, H) to (H, W); transpose the axes instead of reshaping",
-        /// The content is moved by a quarter, half or three quarters, and around the sides.
+        /// The content is moved by quarters of the size; what leaves at one side enters at the opposite one.
         Rolled =
             "are rolled by a quarter, a half or three quarters of their width or height, and around their sides, as by \
              `fftshift` or `roll`; undo it before storing them",

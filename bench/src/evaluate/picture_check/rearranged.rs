@@ -25,7 +25,8 @@ const BLOCKS: [usize; 7] = [2, 3, 4, 8, 14, 16, 32];
 /// Number of parts across, and of parts down, all of which must become closer. A picture that is merely shifted, such as
 /// a copy of the source, becomes closer everywhere but in the part that a roll brings to the opposite side.
 const PARTS: u32 = 4;
-/// Maximum ratio of a part's error after undoing a rearrangement to that before. Parts without content keep theirs.
+/// Maximum factor by which undoing a rearrangement may multiply the error of a part: slightly above 1, because parts
+/// without content do not change.
 const MAX_PART_ERROR: f64 = 1.1;
 
 /// A rearrangement of a picture's samples.
@@ -39,7 +40,8 @@ enum Rearrangement {
     Columns,
     /// The stored columns hold pixels in the order row, column.
     Rows,
-    /// The picture is moved to the right and down by these quarters of its size, and around its sides.
+    /// The picture is moved right and down by these numbers of quarters of its size; what leaves at one side enters at the
+    /// opposite one.
     Rolled([usize; 2]),
     /// The patches of this grid (across, down) are listed column by column and stored row by row.
     PatchColumns([usize; 2]),

@@ -652,11 +652,15 @@ fn means_scaled_without_their_deviations_are_named_by_their_overlap() {
 
 /// A picture in memory.
 #[derive(Debug)]
-struct Still(RgbImage);
+struct Still(RgbImage, Option<DepthMap>);
 
 impl ViewContent for Still {
     fn image(&self) -> Result<RgbImage, DatasetError> {
         Ok(self.0.clone())
+    }
+
+    fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
+        Ok(self.1.clone())
     }
 }
 
@@ -696,7 +700,7 @@ impl Pair {
             id: id.to_owned(),
             intrinsics: k,
             camera_from_world: pose,
-            content: std::sync::Arc::new(Still(picture.clone())),
+            content: std::sync::Arc::new(Still(picture.clone(), None)),
         });
         let pairing = sharp_datasets::Pairing::MultiView;
         Self {
@@ -793,7 +797,13 @@ impl Pair {
 /// One file of the scene, made from the left view, with the right view as the source.
 #[test]
 fn gaussians_of_several_views_are_examined_in_the_view_that_they_show_best() {
-    let pair = Pair::new();
+    let mut pair = Pair::new();
+    let depth = DepthMap::from_fn(40, 32, |x, y| {
+        let is_near = (12..26).contains(&x) && (8..24).contains(&y);
+        image::Luma([if is_near { 1.2 } else { 2.0 }])
+    });
+    let still = Still(pair.photographs[0].clone(), Some(depth.clone()));
+    pair.scene.views[0].content = std::sync::Arc::new(still);
     let camera = PosedCamera::from(&pair.scene.views[1]);
     let mut reading = FileReading::of_arrays();
     reading.placement.space = FileSpace::World;
@@ -802,7 +812,7 @@ fn gaussians_of_several_views_are_examined_in_the_view_that_they_show_best() {
             camera: &camera,
             photograph: &pair.photographs[1],
             valid: None,
-            depth: None,
+            depth: Some(&depth),
             scene: &pair.scene,
             is_chosen: true,
             of_several_views,
@@ -813,6 +823,13 @@ fn gaussians_of_several_views_are_examined_in_the_view_that_they_show_best() {
     };
     let proper = pair.predicted();
     assert_eq!(said(&proper, true), "");
+    let mut larger = mapped(&proper, DAffine3::from_scale(DVec3::splat(20.0)));
+    larger.scales = proper.scales.iter().map(|s| s.map(|v| 20.0 * v)).collect();
+    let text = said(&larger, true);
+    assert!(
+        text.contains("depth (l)") && text.contains("use `scale=0.05`"),
+        "{text}"
+    );
     let mut reversed = proper;
     reversed.colors.iter_mut().for_each(|color| color.reverse());
     let text = said(&reversed, true);
