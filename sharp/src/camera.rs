@@ -137,7 +137,8 @@ impl Intrinsics {
             && pixel.y < f64::from(self.height)
     }
 
-    /// Intrinsics of the same picture resized to `width × height` (box convention: `c' = s · c`).
+    /// Intrinsics of the same picture resized to `width × height`. Focal lengths and principal point scale by the same
+    /// factor per axis, because pixel coordinates start at the image's edge.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let sx = f64::from(width) / f64::from(self.width);
         let sy = f64::from(height) / f64::from(self.height);
@@ -175,7 +176,7 @@ pub struct RigidTransform {
 }
 
 impl RigidTransform {
-    /// The pose of a camera at the world's origin.
+    /// The pose of a camera at the world's origin whose axes are the world's.
     pub const IDENTITY: Self = Self {
         rotation: DMat3::IDENTITY,
         translation: DVec3::ZERO,

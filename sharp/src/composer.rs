@@ -14,14 +14,14 @@ use crate::color::linear_from_srgb;
 use crate::gaussians::{Gaussians, Harmonics};
 use crate::initializer::BaseGaussians;
 
-/// Factor of the deltas of x and y. All factors are the release's; deltas without a constant here
-/// have the factor 1.
+/// Factor of the deltas of x and y. All factors are those of SHARP's release; attributes without a constant here have
+/// the factor 1.
 const XY_FACTOR: f32 = 1e-3;
 /// Factor of the delta of inverse depth.
 const INVERSE_DEPTH_FACTOR: f32 = 1e-3;
 /// Factor of the deltas of colour.
 const COLOR_FACTOR: f32 = 0.1;
-/// Maximum multiple of the base scale; the minimum is 0.
+/// Maximum factor by which a delta multiplies the base scale; the minimum is 0.
 const MAX_SCALE: f64 = 10.0;
 /// Steepness of the logistic curve for scales, chosen so that the curve has slope 1 where its value
 /// is 1.
@@ -104,8 +104,8 @@ fn check_deltas(base: &BaseGaussians, deltas: &[f32]) -> Result<(), DeltaLength>
     Err(DeltaLength { expected, found })
 }
 
-/// Multiple of the base scale as a function of its delta: a logistic curve between 0 and [`MAX_SCALE`] with value 1 and
-/// slope 1 at 0.
+/// Factor on the base scale, given the delta of the scale: a logistic curve between 0 and [`MAX_SCALE`] with value 1
+/// and slope 1 at a delta of 0.
 fn scale_factor(delta: f32) -> f32 {
     (MAX_SCALE * sigmoid(scale_logit(f64::from(delta)))) as f32
 }

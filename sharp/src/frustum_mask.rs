@@ -10,7 +10,7 @@ use crate::camera::{Intrinsics, RigidTransform};
 /// z-depth in metres. +∞ marks sky (see [`InfiniteDepth`]). NaN, −∞, zero and negative values are invalid.
 type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// 1 inside, 0 outside; has the size of the target.
+/// 1 for pixels inside the source's field of view, 0 for all others; has the size of the target.
 pub type FrustumMask = ImageBuffer<Luma<u8>, Vec<u8>>;
 
 /// Treatment of infinite depth (sky).

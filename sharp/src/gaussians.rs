@@ -157,7 +157,7 @@ impl Gaussians {
             let [qw, qx, qy, qz] = *quaternion;
             *quaternion = [qw, qx * y * z, qy * x * z, qz * x * y];
         }
-        // Signs of the harmonics after the flip, one row per degree, by index from 1.
+        // Factor ±1 of each harmonic after the flip: one row per degree, starting with degree 1.
         let parity = [
             [y, z, x].as_slice(),
             &[x * y, y * z, 1.0, x * z, 1.0],

@@ -283,14 +283,15 @@ impl BaseGaussians {
     }
 }
 
-/// Block centres along one side in [−1, 1]: pixel coordinate `stride · (k + ½)`.
+/// Centres of the blocks along one side, scaled to [−1, 1]; block k is centred at pixel coordinate `stride · (k + ½)`.
 fn block_centers(side: usize, stride: usize) -> Vec<f32> {
     (0..side / stride)
         .map(|k| 2.0 * (stride as f32 * (k as f32 + 0.5)) / side as f32 - 1.0)
         .collect()
 }
 
-/// Reduces every `stride × stride` block of every plane, rows before columns within a block.
+/// Reduces every `stride × stride` block of every plane to one value. `reduce` receives the pixels of a block row by
+/// row.
 fn pool(
     planes: &[f32],
     grid: Grid,

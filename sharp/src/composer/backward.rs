@@ -27,8 +27,9 @@ pub enum ComposerGradientError {
     Gradients { expected: usize, found: usize },
 }
 
-/// Computes the gradient from `gaussians`, the gradient of the composed Gaussians in their order and in the composer's
-/// space. `view_depth` is ignored, because the gradient of the mean already includes it.
+/// Computes the gradient with respect to deltas and base Gaussians from `gaussians`, the gradient with respect to the
+/// composed Gaussians (in their order, in the composer's space). `view_depth` is ignored, because the gradient of the
+/// mean already includes it.
 ///
 /// The gradient is the derivative of the forward definition in real numbers, computed in f64;
 /// values out of the range of f32 saturate.

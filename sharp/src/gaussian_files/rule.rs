@@ -1,4 +1,4 @@
-//! Finds the rendering rule that a file was made for, from its marks.
+//! Determines which program's rendering rule a file was made for, from the marks that programs leave in their files.
 
 use crate::ply::{FileMarks, Generator, SplatRenderMode};
 use crate::render::Rule;

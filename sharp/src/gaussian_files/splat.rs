@@ -48,8 +48,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     Ok(out)
 }
 
-/// Warns about quaternions whose length is not 1. Lengths up to [`MAX_LENGTH_DEVIATION`] are not counted: they
-/// may be quantised zeros.
+/// Warns about quaternions whose length is not 1. Quaternions shorter than [`MAX_LENGTH_DEVIATION`] are not counted,
+/// because they may be quantised zeros.
 fn broken_quaternions(quaternions: &[[f32; 4]]) -> Option<Suspicion> {
     let lengths = quaternions
         .iter()

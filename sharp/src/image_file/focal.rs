@@ -24,10 +24,10 @@ const DEFAULT_FOCAL_MM: f64 = 30.0;
 const PHONE_MM: f64 = 10.0;
 /// Plausible 35 mm equivalents in millimetres, from fisheyes and action cameras to telescopes.
 const LENSES_MM: RangeInclusive<f64> = 7.0..=3000.0;
-/// Relative tolerance between two values stated in a file, because converters crop a few rows and
-/// millimetres are rounded.
+/// Two values stated in a file contradict each other if they differ by more than this fraction. Smaller differences
+/// occur because converters crop a few rows and millimetres are rounded.
 const TOLERANCE: f64 = 0.1;
-/// Relative tolerance between a picture's sides and the sides stated in its file.
+/// A picture counts as resized or cropped if a side stated in its file is larger by more than this fraction.
 const SIDE_TOLERANCE: f64 = 0.02;
 
 /// Aspect ratios (long side over short side) of cameras: 1:1, 7:6, 5:4, 4:3, 3:2, 16:9, 65:24.

@@ -312,8 +312,8 @@ pub fn dimensions(file: &mut dyn ReadSeek) -> Result<(u32, u32), ImageFileError>
     Ok(size)
 }
 
-/// Encodes a picture as PNG, 16-bit samples in native byte order. Unlike `image`'s `save`, this does not compile the
-/// encoders of all other formats.
+/// Encodes a picture as PNG; 16-bit samples are given in native byte order. Unlike `image`'s `save`, this does not
+/// compile the encoders of all other formats.
 ///
 /// # Errors
 /// If the samples do not fit the size.
@@ -387,9 +387,9 @@ fn open<'a>(
     Ok((Box::new(decoder), header))
 }
 
-/// Minimum number of pixels for which the scaling of 16-bit levels is checked.
+/// The scaling of 16-bit levels is not checked in pictures with fewer pixels.
 const FEWEST_PIXELS: u32 = 256;
-/// Minimum number of different levels, all multiples of 256, that cannot be a coincidence.
+/// Levels that are all multiples of 256 could be a coincidence if the picture has fewer different levels.
 const FEWEST_LEVELS: usize = 8;
 
 /// Rejects 16-bit pictures that are nearly black because their values have only 8 to 12 bits, and

@@ -34,8 +34,8 @@ pub struct MatrixProfile {
 
 /// Number of samples of a curve: enough to be exact for 8 bit; 16-bit values are interpolated.
 const SAMPLES: usize = 255 * 16 + 1;
-/// A profile counts as sRGB within this tolerance, in levels of 255, because files round the curves
-/// and primaries.
+/// A profile counts as sRGB if it changes no channel by more than this, in levels of 255: files round the curves and
+/// primaries of sRGB.
 const SRGB_LEVELS: f64 = 2.0;
 
 impl Profile {

@@ -1,4 +1,4 @@
-//! Depth Pro: metric depth, and if unknown the focal length, from one photograph.
+//! Depth Pro: estimates metric depth from one photograph, and the focal length if it is unknown.
 //!
 //! SHARP's depth network with one layer of disparity, and a head that estimates the horizontal field of view. Names,
 //! shapes and formulas are facts about Apple's `ml-depth-pro` (`src/depth_pro/depth_pro.py` and, in its folder

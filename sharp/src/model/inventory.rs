@@ -222,9 +222,10 @@ impl CheckpointSource {
     }
 }
 
-/// Parts of names of layers that are zero before training.
+/// Layers whose names contain one of these texts are zero before training.
 pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_estimator.conv_out."];
-/// Minimum number of values by which two tensors are compared; tensors with fewer values are compared completely.
+/// Two tensors are compared by at least this many evenly spaced values; tensors with fewer values are compared
+/// completely.
 const MIN_COMPARED: usize = 256;
 /// Zeros at the end of a tensor count as missing values if they are at least this share of the
 /// tensor.

@@ -211,8 +211,8 @@ impl Predictor {
         Ok((base, normalized.feature_input(image)))
     }
 
-    /// Factors `[R, R]` of the alignment network for both layers of predicted depth, `[2, R, R]`, and known depth,
-    /// `[R, R]`.
+    /// Runs the alignment network on both layers of predicted depth, `[2, R, R]`, and known depth, `[R, R]`, in metres.
+    /// Returns the factors from predicted to known depth, `[R, R]`.
     ///
     /// # Errors
     /// [`ModelError::Image`] for other sizes; [`ModelError::Tensor`] if the device fails.

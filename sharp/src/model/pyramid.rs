@@ -121,7 +121,7 @@ impl Encoder {
         let [d0, d1, d2, d3] = config.encoder_dims;
         let size = config.internal_resolution;
         let tokens = vit.tokens_per_side();
-        // An overlap of a quarter at full size and of a half at half size.
+        // Patches overlap by a quarter of their side at full size, and by half of it at half size.
         let overlaps = if config.use_patch_overlap {
             [2, 4]
         } else {

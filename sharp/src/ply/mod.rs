@@ -51,8 +51,8 @@ const VERTEX: [&str; 14] = [
 /// Gaussians and the other contents of their file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianScene {
-    /// The Gaussians in the space of the file; for SHARP, that is camera space in metres. Colours
-    /// are in the reading's blending colour space; harmonics are only kept if that space is sRGB.
+    /// The Gaussians in the space of the file; for SHARP, that is camera space in metres. Colours are in the blending
+    /// colour space of `reading`; harmonics are only kept if that space is sRGB.
     pub gaussians: Gaussians,
     /// Camera from which the scene was predicted, if stored in the file.
     pub intrinsics: Option<Intrinsics>,

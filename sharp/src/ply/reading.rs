@@ -4,7 +4,7 @@ use super::SH_CONSTANT;
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::gaussians::Gaussians;
 
-/// Error: a setting does not have the given value.
+/// The value given for a setting is not one of the setting's values.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{key}={value}: expected {}", known.join(" or "))]
 pub struct UnknownReading {
@@ -116,7 +116,7 @@ setting!(
     StoredColors, "colors":
     /// The constant coefficient of spherical harmonics, (c − ½) / √(1 / 4π).
     Dc = "dc",
-    /// c / √(1 / 4π), without the half.
+    /// c / √(1 / 4π): like `Dc`, but ½ is not subtracted first.
     DcUncentered = "dc-uncentered",
     /// c itself, in 0..1.
     Rgb01 = "rgb01",
@@ -140,7 +140,8 @@ setting!(
     Refuse = "refuse",
     /// Only the constant term is drawn.
     Drop = "drop",
-    /// Stored as red, green and blue of each coefficient, not as all of red, all of green, all of blue.
+    /// Coefficients are drawn. They are stored coefficient by coefficient (each as red, green, blue) instead of channel
+    /// by channel.
     Interleaved = "interleaved",
 );
 setting!(

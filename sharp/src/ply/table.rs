@@ -339,7 +339,7 @@ impl<'a> Body<'a> {
         Ok(())
     }
 
-    /// The next word as a number.
+    /// Parses the next word of a text file as a number.
     fn text(&mut self, element: &Element, row: usize) -> Result<f64, TableError> {
         let rest = self.bytes.trim_ascii_start();
         if rest.is_empty() {

@@ -51,8 +51,8 @@ impl RenderOutput {
         picture
     }
 
-    /// Inverse depth in turbo colours: the end of `range_m` (metres, > 0) is dark blue, its start dark red. Depths
-    /// outside the range take the colour of the nearer end; pixels where nothing was drawn are black.
+    /// Inverse depth in turbo colours, from dark red at the near end of `range_m` (metres, > 0) to dark blue at its far
+    /// end. Depths outside the range take the colour of the nearer end; pixels where nothing was drawn are black.
     pub fn inverse_depth_colors(&self, range_m: RangeInclusive<f32>) -> RgbImage {
         let (most, least) = (range_m.start().recip(), range_m.end().recip());
         let inverse = self.inverse_depth();

@@ -83,8 +83,8 @@ impl CpuRenderer {
         Self { tile, ..self }
     }
 
-    /// Limits the (Gaussian, bin) pairs in memory at a time, 8 bytes each, to `pairs` or, if that
-    /// is more, to the pairs of one bin of 64×64 pixels. Affects memory and time, not the picture.
+    /// Keeps at most `pairs` (Gaussian, bin) pairs, 8 bytes each, in memory at a time; all pairs of one bin of 64×64
+    /// pixels are always kept, even if they are more. Affects memory and time, not the picture.
     #[must_use]
     pub fn with_pair_limit(self, pairs: u64) -> Self {
         Self {

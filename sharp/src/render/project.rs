@@ -83,7 +83,7 @@ const RELATIVE_BOX_MARGIN: f64 = 1e-4;
 /// Pixels by which the box is enlarged on each side, after [`RELATIVE_BOX_MARGIN`].
 const BOX_MARGIN_PX: f64 = 1e-4;
 
-/// Margin of the exponent at which `raster` stops; allows for rounding in `raster` and in `log2`.
+/// Added to [`Splat::cut`], so that rounding in `raster` and in `log2` never cuts off a visible pixel.
 const CUT_MARGIN: f32 = 1e-3;
 
 /// Runs the pass on the threads of the current pool.
@@ -233,7 +233,7 @@ fn block(
             p: c.factor[0][i],
             q: c.factor[1][i],
             r: c.factor[2][i],
-            // The opacity is exact if there is no compensation.
+            // Without compensation, the opacity is the stored f32 value, so the cast is exact.
             opacity: c.opacity[i] as f32,
             cut: c.cut[i],
             color: match colors {

@@ -215,7 +215,7 @@ impl Rule {
         ("sharp", Self::SHARP),
         ("inria", Self::INRIA),
         ("inria-general", Self::INRIA_GENERAL),
-        // The branch dr_aa, with antialiasing.
+        // The branch dr_aa of Inria's rasteriser, with antialiasing.
         (
             "inria-aa",
             Self {

@@ -82,7 +82,7 @@ impl<'a> View<'a> {
     }
 }
 
-/// Gradient of an input: a gradient of its own, or the output's gradient unchanged.
+/// Gradient with respect to an input: values of its own, or the output's gradient unchanged.
 pub(super) enum Back {
     Values(Vec<f32>),
     Upstream,

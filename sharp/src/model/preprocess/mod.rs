@@ -1,6 +1,6 @@
 //! Loading of a photograph: pixels, orientation, focal length.
 //!
-//! Read by [`image_file`], in the same way as the release except where the release garbles the picture:
+//! [`image_file`] reads the photograph in the same way as the release, except where the release garbles the picture:
 //!
 //! | picture | here | release |
 //! |---|---|---|

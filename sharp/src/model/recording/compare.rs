@@ -42,8 +42,8 @@ impl RecordingComparison {
     }
 }
 
-/// A stage that is not compared: the signs of quaternions depend on how covariances were decomposed. Covariances are
-/// compared instead.
+/// A stage that is not compared: quaternions in world space, whose signs depend on how covariances were decomposed.
+/// Their covariances are compared instead.
 const GAUGE: &str = "world.quaternions";
 /// The recording's known depth, an input of the alignment network rather than an output.
 const KNOWN_DEPTH: &str = "alignment.gt_depth";

@@ -16,8 +16,8 @@ pub(crate) use write::unit_quaternion;
 /// Gaussians per chunk.
 const CHUNK: usize = 256;
 
-/// Bounds of a chunk: minimum and maximum of the position, of the logarithmic scale, and in the newer form of the
-/// colour.
+/// Bounds of a chunk: minimum and maximum of the position, of the logarithmic scale and, in the newer form of the
+/// format, of the colour.
 const BOUNDS: [&str; 18] = [
     "min_x",
     "min_y",

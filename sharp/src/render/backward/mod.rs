@@ -96,7 +96,7 @@ impl PictureGradient<'_> {
     }
 }
 
-/// Sums of a bin: the index of each Gaussian and its accumulated sums.
+/// For each Gaussian of a bin, its index and the sums over the bin's pixels of its contributions to the gradient.
 type BinSums = Vec<(u32, SplatSums)>;
 
 impl CpuRenderer {

@@ -101,7 +101,7 @@ impl Frame<'_> {
                 continue;
             }
             let count = self.count_pairs(order, part)?;
-            // A single tile may exceed the window: it has at most one pair per Gaussian.
+            // A single tile cannot be split, so it may exceed the window; it has at most one pair per Gaussian.
             let most = if halves.is_some() {
                 gpu.window() / PAIR_BYTES
             } else {
@@ -127,9 +127,8 @@ impl Frame<'_> {
         ))
     }
 
-    /// Projects the Gaussians, sorts them by depth, and fills in the counts of `out`. Returns the
-    /// half of the buffers that contains the order, and the colours if they differ from the
-    /// scene's.
+    /// Projects the Gaussians, sorts them by depth, and sets the counts in `out`. Returns the half of the buffers (0 or
+    /// 1) that contains the depth order, and the view's colours if they differ from the scene's.
     fn begin(&self, out: &mut RenderOutput) -> Result<(usize, Option<GpuBuffer>), RenderError> {
         let Self {
             gpu, passes, scene, ..
