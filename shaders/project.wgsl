@@ -158,7 +158,7 @@ fn project_one(k: u32) -> u32 {
     let wide_v = vec3<f32>(dot(gy, r0), dot(gy, r1), dot(gy, r2)) * scale.xyz;
     let largest = max(abs(wide_u), abs(wide_v));
     let unit = max(largest.x, max(largest.y, largest.z));
-    // In units of the largest entry, to avoid overflow and underflow as above.
+    // In units of the largest entry, so that squares neither overflow nor underflow.
     let eps = view.eps2d / unit / unit;
     let u = wide_u / unit;
     let v = wide_v / unit;

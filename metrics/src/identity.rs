@@ -217,7 +217,7 @@ pub enum IdentityError {
     MaskedDists { name: String },
 }
 
-/// `did you mean …?` for a mistyped key.
+/// The suggestion `did you mean …?` for a mistyped key; empty if no known key is similar.
 fn meant(name: &str) -> String {
     let families = Family::ALL.map(|family| family.name().to_owned());
     let keys = MetricKey::all().into_iter();

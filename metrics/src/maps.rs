@@ -36,7 +36,8 @@ fn positions(inputs: usize, outputs: usize) -> Vec<Position> {
         .collect()
 }
 
-/// Sums the maps at `width` × `height` and applies `each` to every row of the sum; results are in row order.
+/// Resizes the maps to `width` × `height`, adds them, and applies `each` to every row of the sum; results are in row
+/// order.
 pub(crate) fn summed_rows<T: Send>(
     maps: &[TapMap],
     (width, height): (usize, usize),

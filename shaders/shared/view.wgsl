@@ -23,8 +23,8 @@ struct View {
     count: u32,
     // Always 0, but unknown to the compiler; see `opaque` in project.wgsl.
     zero: u32,
-    // Compensation for the low-pass filter: 0 none, 1 the square root of the determinants' ratio, 2 the same with a
-    // floor, 3 Mip-Splatting's.
+    // Compensation for the low-pass filter: 0 none, 1 the square root of the determinants' ratio, 2 that root with a
+    // lower bound, 3 Mip-Splatting's.
     compensation: u32,
     // 1 if the support is limited to tiles of 16x16 pixels.
     tiled: u32,

@@ -78,7 +78,8 @@ fn reduced(map: &[f64], finer: Grid, grid: Grid, pooling: ScalePooling) -> Vec<f
     sum_over(grid.width * grid.height, |p| (0.0, one(p))).gradient
 }
 
-/// Gradient for pixel `p` of the `finer` map, from the gradient `of` of the reduced map `above`.
+/// Gradient with respect to pixel `p` of the `finer` map, given `of`, the gradient with respect to the reduced map
+/// `above`.
 fn pulled(of: &[f64], above: Grid, finer: Grid, p: usize, pooling: ScalePooling) -> f64 {
     let (x, y) = (p % finer.width, p / finer.width);
     if x / 2 >= above.width || y / 2 >= above.height {

@@ -95,7 +95,8 @@ pub fn grad(
     }
 }
 
-/// Mean of the opacities times the strengths of their edges, 0..1.
+/// Mean over the Gaussians of opacity times strength of the depth edge (0..1) at the Gaussian, and the gradient with
+/// respect to the opacities.
 fn at_edges(opacity: &[f32], edge: impl Fn(usize) -> f64 + Sync) -> Loss<f32> {
     let share = 1.0 / opacity.len() as f64;
     sum_over(opacity.len(), |i| {
