@@ -1,6 +1,6 @@
 //! The learned metrics compared with the f64 references, with every instruction set and algorithm
 //! forced, one named test per pair; also the equality of their bits for any number of threads and
-//! any strips. The same for candle's tensors on the CPU, the code that GPUs run.
+//! any strips. Candle's tensors on the CPU, the code that GPUs run, are checked in the same way.
 //!
 //! What a machine does not support is reported as ignored. `golden_metrics` checks every pair and
 //! variant with the machine's default; here, a few pairs of each kind suffice.

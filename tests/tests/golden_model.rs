@@ -1,7 +1,7 @@
 //! The network compared with recordings of the official one, one test per stage.
 //!
 //! `tiny` and `narrow` always run. The full network (702 M deterministic parameters, minutes of
-//! computing, 8 GiB of memory) runs with
+//! computing, 3.5 GiB of memory) runs with
 //! `cargo test --release -p sharp-tests --test golden_model -- --ignored full::`. On an NVIDIA GPU,
 //! `--features cuda` adds the same networks on the GPU, and `--include-ignored cuda` runs all of
 //! them.

@@ -48,13 +48,12 @@ impl Case {
             .collect()
     }
 
-    /// Fails unless the manifest, the report's page and the output of some command all contain the
-    /// text.
-    /// The case, as if it had run only the commands that said this.
+    /// The case, as if it had run only the commands with the outputs `said`.
     pub(crate) fn having(self, said: Vec<Said>) -> Self {
         Self { said, ..self }
     }
 
+    /// Fails unless the manifest, the report's page and the output of some command all contain the text.
     pub(crate) fn is_said_everywhere(&self, run: &str, text: &str) {
         assert!(self.all().contains(text), "terminal: {}", self.all());
         let manifest = std::fs::read_to_string(self.path(run).join("manifest.json")).unwrap();
