@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let factor = photo.disparity_factor();
     let predicted = predictor.predict(photo.planes(), factor, &mut Silent)?;
 
-    // From the network's normalised space to metres, as in the release's PLY files.
+    // From the network's normalised space to metres, as in the SHARP release's PLY files.
     let camera = release_intrinsics(photo.focal_px, photo.width as u32, photo.height as u32)?;
     let gaussians = unproject(&predicted.gaussians, &camera);
 

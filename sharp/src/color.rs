@@ -36,7 +36,7 @@ pub enum Quantization {
     /// To the nearest level, as in scoring.
     #[default]
     Round,
-    /// Towards zero, as in the release's video writer.
+    /// Towards zero, as in the SHARP release's video writer.
     Truncate,
 }
 

@@ -44,7 +44,7 @@ pub struct DeltaLength {
 /// Gaussians are ordered by layer, then row by row; blocks without valid depth are omitted. Means and scales are
 /// normalised in x and y (x/z and y/z over [−1, 1] across the image) and metric in z; colours are linear RGB.
 /// Quaternions are not normalised. With zero deltas, a Gaussian is not exactly at its base depth: z is `1 / (inverse +
-/// 1e-3)`, as in the release.
+/// 1e-3)`, as in the SHARP release.
 ///
 /// # Errors
 /// [`DeltaLength`] if the number of deltas does not match the base Gaussians.
@@ -123,7 +123,7 @@ fn logit(p: f64) -> f64 {
 }
 
 fn softplus(x: f64) -> f64 {
-    // The release defines softplus as the identity above 20.
+    // The SHARP release defines softplus as the identity above 20.
     if x > 20.0 { x } else { x.exp().ln_1p() }
 }
 

@@ -36,18 +36,18 @@ pub enum InitializerError {
 /// Dimensions of image, depth layers and grid of Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Grid {
-    /// Number of depth layers; 2 in the release.
+    /// Number of depth layers; 2 in the SHARP release.
     pub layers: usize,
-    /// Width of image and depth in pixels; the release resizes every image to 1536.
+    /// Width of image and depth in pixels; the SHARP release resizes every image to 1536.
     pub width: usize,
     /// Height of image and depth in pixels.
     pub height: usize,
-    /// Side of a block in pixels; 2 in the release.
+    /// Side of a block in pixels; 2 in the SHARP release.
     pub stride: usize,
 }
 
 impl Grid {
-    /// The release's grid: two layers of 768 × 768 Gaussians over 1536 × 1536 pixels.
+    /// The SHARP release's grid: two layers of 768 × 768 Gaussians over 1536 × 1536 pixels.
     pub const RELEASE: Self = Self {
         layers: 2,
         width: 1536,

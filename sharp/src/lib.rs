@@ -1,6 +1,7 @@
 //! SHARP in Rust: one photograph to 3D Gaussians, and Gaussians to nearby views.
 //!
 //! # Conventions
+//! * "The paper" is the publication of SHARP; "the release" is Apple's code and checkpoint for it (`ml-sharp`).
 //! * Camera axes are OpenCV's: x right, y down, z forward. Lengths are metres.
 //! * Extrinsics are world-to-camera and named by the spaces they join: `camera_from_world`.
 //! * The centre of pixel (i, j) is at (i + 0.5, j + 0.5), also for principal points (COLMAP's convention).

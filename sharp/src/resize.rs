@@ -11,7 +11,7 @@ struct Tap {
 }
 
 /// Source positions with the centres of the corner pixels aligned, `src = dst · (in − 1) / (out − 1)`. Scale and
-/// position are f32 as in the release; f64 would change results by up to 1e-5.
+/// position are f32 as in the SHARP release; f64 would change results by up to 1e-5.
 fn align_corners_taps(input: usize, output: usize) -> Vec<Tap> {
     let scale = if output > 1 {
         (input - 1) as f32 / (output - 1) as f32
@@ -42,8 +42,8 @@ fn taps(input: usize, output: usize, position: impl Fn(f32) -> f32) -> Vec<Tap> 
         .collect()
 }
 
-/// Bilinear resize with aligned corners and without antialiasing, as the release applies it to photographs before the
-/// network, for both upscaling and downscaling.
+/// Bilinear resize with aligned corners and without antialiasing, as the SHARP release applies it to photographs before
+/// the network, for both upscaling and downscaling.
 ///
 /// `planes` is `[channels, height, width]`; the result is `[channels, out_height, out_width]`.
 ///

@@ -1,4 +1,4 @@
-//! Camera paths: the release's four, and a manually shifted camera.
+//! Camera paths: the SHARP release's four, and a manually shifted camera.
 //!
 //! All paths stay close to the photograph's own camera, which is at the origin of the scene and looks along +z. Their
 //! extent is proportional to the near depth of the scene.
@@ -8,11 +8,11 @@ use crate::gaussians::Gaussians;
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::TAU;
 
-/// The release's paths. Each path includes both ends, so that the last frame of a closed path
+/// The SHARP release's paths. Each path includes both ends, so that the last frame of a closed path
 /// equals the first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrajectoryKind {
-    /// Sideways along a sine, forward and back along half a cosine. The release's default.
+    /// Sideways along a sine, forward and back along half a cosine. The SHARP release's default.
     RotateForward,
     /// A circle perpendicular to the viewing direction.
     Rotate,
@@ -23,7 +23,7 @@ pub enum TrajectoryKind {
 }
 
 impl TrajectoryKind {
-    /// All kinds, in the release's order.
+    /// All kinds, in the SHARP release's order.
     pub const ALL: [Self; 4] = [Self::Swipe, Self::Shake, Self::Rotate, Self::RotateForward];
 
     /// `rotate_forward`, `rotate`, `swipe` or `shake`.
@@ -43,7 +43,7 @@ const MAX_DISPARITY: f64 = 0.08;
 /// Maximum shift in z, as a fraction of the near depth.
 const MAX_ZOOM: f64 = 0.15;
 
-/// One pass of a path at the release's amplitude. The camera looks at the focus point on the photograph's axis.
+/// One pass of a path at the SHARP release's amplitude. The camera looks at the focus point on the photograph's axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trajectory {
     pub kind: TrajectoryKind,
@@ -63,7 +63,7 @@ pub struct DepthRange {
 }
 
 impl DepthRange {
-    /// Minimum focus distance of the release, in metres.
+    /// Minimum focus distance of the SHARP release, in metres.
     pub const MIN_FOCUS: f64 = 2.0;
 
     /// Measures a scene in the photograph's camera space; `None` if no finite centre lies in front of the camera.

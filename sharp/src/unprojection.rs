@@ -1,5 +1,5 @@
 //! Conversion from the predictor's normalised space to metric camera space. Rotations and scales are recovered from the
-//! stretched covariances, as in the release's PLY files.
+//! stretched covariances, as in the SHARP release's PLY files.
 //!
 //! The harness itself places Gaussians with
 //! [`target_camera_from_source_ndc`](crate::camera::target_camera_from_source_ndc), which needs no decomposition.
@@ -9,8 +9,8 @@ use glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 use crate::camera::{CameraError, Intrinsics};
 use crate::gaussians::Gaussians;
 
-/// Intrinsics that the release assumes for a photograph: one focal length and a principal point exactly in the centre,
-/// whatever the camera's calibration.
+/// Intrinsics that the SHARP release assumes for a photograph: one focal length and a principal point exactly in the
+/// centre, whatever the camera's calibration.
 ///
 /// # Errors
 /// [`CameraError`] if the focal length is NaN, infinite, zero or negative, or the image is empty.
@@ -25,7 +25,7 @@ pub fn release_intrinsics(
 
 /// Converts Gaussians from normalised space to the metric space of the camera with `intrinsics`.
 ///
-/// Means and covariances are transformed in f32, as in the release. Each covariance is decomposed in f64 into a
+/// Means and covariances are transformed in f32, as in the SHARP release. Each covariance is decomposed in f64 into a
 /// rotation and standard deviations in **descending** order, so an axis may change its index. Colours and opacities are
 /// unchanged. The signs of the axes are ambiguous, so compare covariances, not quaternions. Non-finite Gaussians stay
 /// non-finite.

@@ -59,7 +59,7 @@ pub(crate) fn scene(sigma_px: f64) -> Gaussians {
     scene
 }
 
-/// The moved camera at a picture size, with the release's principal point.
+/// The moved camera at a picture size, with the SHARP release's principal point.
 pub(crate) fn view(width: u32, height: u32) -> RenderView {
     let focal = FOCAL * f64::from(width) / 1536.0;
     let intrinsics = Intrinsics {

@@ -11,7 +11,7 @@ pub enum FocalSource {
     /// The 35 mm equivalent stated in the file, in millimetres.
     Equivalent35mm(f64),
     /// The physical focal length stated in the file, in millimetres. A value below 10 is assumed to be a phone's and
-    /// multiplied by 8.4, as in the release.
+    /// multiplied by 8.4, as in the SHARP release.
     Lens(f64),
     /// No focal length is stated: assumes 30 mm (35 mm equivalent), which silently determines the
     /// metric scale.
@@ -20,7 +20,7 @@ pub enum FocalSource {
 
 /// Default focal length: millimetres, 35 mm equivalent.
 const DEFAULT_FOCAL_MM: f64 = 30.0;
-/// Focal length in millimetres below which a lens is assumed to be a phone's, as in the release.
+/// Focal length in millimetres below which a lens is assumed to be a phone's, as in the SHARP release.
 const PHONE_MM: f64 = 10.0;
 /// Plausible 35 mm equivalents in millimetres, from fisheyes and action cameras to telescopes.
 const LENSES_MM: RangeInclusive<f64> = 7.0..=3000.0;
@@ -112,7 +112,7 @@ fn source(exif: &Exif) -> FocalSource {
     match number(exif, Tag::FocalLengthIn35mmFilm) {
         Some(mm) if mm >= 1.0 => FocalSource::Equivalent35mm(mm),
         _ => match number(exif, Tag::FocalLength) {
-            // 0 is treated as missing; the release would use it.
+            // 0 is treated as missing; the SHARP release would use it.
             Some(mm) if mm.is_finite() && mm > 0.0 => FocalSource::Lens(mm),
             _ => FocalSource::Default,
         },

@@ -24,7 +24,7 @@ pub struct BaseGradient {
 /// Subgradients match torch's: a block's value belongs to the first of its nearest pixels, row by
 /// row. Pixels beyond [`MAX_NORMALIZED_DEPTH`] get no gradient, but pixels exactly at that depth
 /// do. The gradient of the factor is divided evenly among all nearest pixels, as in torch's `amin`;
-/// the release's `min` assigns it to one nearest pixel. (Ties occur because the release's two
+/// the SHARP release's `min` assigns it to one nearest pixel. (Ties occur because the release's two
 /// layers start as copies of each other.) The gradient is zero for invalid depth.
 ///
 /// # Errors

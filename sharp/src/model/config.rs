@@ -1,4 +1,4 @@
-//! Sizes of a network as data: the release is a preset; other networks are described in files.
+//! Sizes of a network as data: the SHARP release is a preset; other networks are described in files.
 
 use std::fmt::Debug;
 use std::path::Path;
@@ -29,7 +29,8 @@ pub struct VitConfig {
     pub img_size: usize,
     /// Side of a token's patch in pixels.
     pub patch_size: usize,
-    /// Added to the variance in every layer normalisation. The release uses 1e-6, not the 1e-5 of most transformers.
+    /// Added to the variance in every layer normalisation. The SHARP release uses 1e-6, not the 1e-5 of most
+    /// transformers.
     #[serde(default = "release_norm_eps")]
     pub norm_eps: f32,
     /// Outputs of the unused classification head.
@@ -50,7 +51,7 @@ impl VitConfig {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AlignmentInput {
-    /// The first of the two layers, as in the release. The network then has two input channels.
+    /// The first of the two layers, as in the SHARP release. The network then has two input channels.
     #[default]
     FirstLayer,
     /// Both layers, a possible interpretation of the paper. The network then has three input

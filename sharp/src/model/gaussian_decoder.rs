@@ -45,7 +45,7 @@ impl GaussianDecoder {
             geometry_head: Arc::new(AttributeHead::new(&p.pp("geometry_head"), config)),
             recompute: p.recompute.clone(),
             // The finest map has half the internal resolution. For a stride above 2, it is averaged over blocks. This
-            // is our choice: the release only supports stride 2, which needs no pooling.
+            // is our choice: the SHARP release only supports stride 2, which needs no pooling.
             pooling: stride / 2,
         }
     }

@@ -37,7 +37,7 @@ pub struct NetworkIdentity {
 }
 
 impl NetworkSpec {
-    /// The release's network on the CPU, with the faster convolutions.
+    /// The SHARP release's network on the CPU, with the faster convolutions.
     pub fn release(checkpoint: impl Into<PathBuf>) -> Self {
         Self {
             checkpoint: checkpoint.into(),
@@ -49,7 +49,7 @@ impl NetworkSpec {
         }
     }
 
-    /// Computes the identity. Hashes the whole checkpoint, which takes seconds for the release's.
+    /// Computes the identity. Hashes the whole checkpoint, which takes seconds for the SHARP release's.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`] if the file cannot be read; [`ModelError::Device`] if the device is not available.

@@ -131,7 +131,7 @@ impl<F: FnMut(&'static str, f64)> StageObserver for StageProgress<F> {
     }
 }
 
-/// The patch encoder's share of the release's 21.5 TFLOP.
+/// The patch encoder's share of the SHARP release's 21.5 TFLOP.
 const PATCH_ENCODER: f64 = 0.62;
 
 /// For each milestone: the stage, the part that it completes, and the fraction of all arithmetic

@@ -147,7 +147,7 @@ impl Encoder {
         }
     }
 
-    /// Encodes `image`, `[3, R, R]` in −1..1, into five maps, finest first. In the release's network these are
+    /// Encodes `image`, `[3, R, R]` in −1..1, into five maps, finest first. In the SHARP release's network these are
     /// 256×768², 256×384², 512×192², 1024×96² and 1024×48².
     pub(super) fn forward(
         &self,

@@ -43,7 +43,7 @@ pub struct TrainingInput<'a> {
     pub known_depth: Option<&'a [f32]>,
     /// If true, a gradient that would raise a disparity passes even where the disparity is below
     /// its lower bound. If false, a randomly initialised network may drop below the bound
-    /// everywhere and never recover. At the bound itself, gradients always pass. The release
+    /// everywhere and never recover. At the bound itself, gradients always pass. The SHARP release
     /// defines such a clamp but does not use it.
     pub zeros_return: bool,
     /// Skips the refinement of Gaussians, for losses that depend on depth alone: deltas are 0.

@@ -11,7 +11,7 @@ use super::observer::{StageObserver, StageValue};
 use super::ops::{Linear, Recompute, attention, gather, layer_norm};
 use super::params::{Params, Weight};
 
-/// Number of images whose intermediate values are in memory at a time. In the release's network,
+/// Number of images whose intermediate values are in memory at a time. In the SHARP release's network,
 /// none of these values exceeds 32 MiB, the size up to which glibc reuses freed memory; fresh pages
 /// would cost a twentieth of a prediction.
 const IMAGES_AT_ONCE: usize = 3;

@@ -60,7 +60,7 @@ pub struct GaussianScene {
     pub extrinsics: Option<[f32; 16]>,
     /// Colour encoding stated by the file, if any; the writer always stores sRGB.
     pub color_space: Option<ColorSpace>,
-    /// Format version of the writing program; the release writes 1.5.0.
+    /// Format version of the writing program; the SHARP release writes 1.5.0.
     pub version: Option<[u8; 3]>,
     /// Number of coefficients of view-dependent colour (`f_rest_*`) per Gaussian in the file: 9, 24, 45 or 72 for
     /// degrees 1 to 4.
@@ -95,7 +95,7 @@ impl GaussianScene {
         }
     }
 
-    /// The stored camera, or the release's default for files without one: 640 × 480 pixels, focal length 512 px,
+    /// The stored camera, or the SHARP release's default for files without one: 640 × 480 pixels, focal length 512 px,
     /// principal point in the centre.
     pub fn intrinsics_or_default(&self) -> Intrinsics {
         self.intrinsics.unwrap_or(Intrinsics {
@@ -147,7 +147,7 @@ pub enum PlyReason {
     /// The vertices are not Gaussians: the listed properties are missing.
     #[error("no Gaussians: element `vertex` has no {}", .0.join(", "))]
     Missing(Vec<&'static str>),
-    /// One of the release's extra elements has the wrong number of values or an unknown code.
+    /// One of the SHARP release's extra elements has the wrong number of values or an unknown code.
     #[error("element `{element}`: {what}")]
     Extra { element: &'static str, what: String },
     #[error("stored camera: {0}")]

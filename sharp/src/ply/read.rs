@@ -15,8 +15,8 @@ use crate::camera::Intrinsics;
 /// Properties and elements may come in any order, in text or binary of either byte order. The element `vertex` must
 /// have the properties `x y z f_dc_0..2 opacity scale_0..2 rot_0..3`; PlayCanvas' compressed elements can replace it.
 ///
-/// Older forms of the release's extra elements are supported: an `intrinsic` of four values (fx, fy, width, height) and
-/// an `extrinsic` of twelve (3×4, with its 3×3 part transposed).
+/// Older forms of the SHARP release's extra elements are supported: an `intrinsic` of four values (fx, fy, width,
+/// height) and an `extrinsic` of twelve (3×4, with its 3×3 part transposed).
 ///
 /// `given` overrides the encodings of 3D Gaussian Splatting, and sets the colour encoding of files
 /// that do not state theirs.
@@ -92,7 +92,7 @@ fn longer_rows(surplus: usize, count: usize) -> Option<PlyReason> {
     })
 }
 
-/// Elements of the release that are read in addition to the vertices; each has one property with
+/// Elements of the SHARP release that are read in addition to the vertices; each has one property with
 /// the element's name.
 const EXTRAS: [&str; 5] = [
     "extrinsic",
@@ -240,7 +240,7 @@ fn intrinsics(extras: &Extras<'_>) -> Result<Option<Intrinsics>, PlyReason> {
                         what: format!("{} values instead of 2", other.len()),
                     });
                 }
-                // The release's writer puts the principal point in the centre of the image.
+                // The SHARP release's writer puts the principal point in the centre of the image.
                 None => [2.0 * cx, 2.0 * cy],
             };
             ((fx, fy), (cx, cy), size)

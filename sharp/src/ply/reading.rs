@@ -62,10 +62,10 @@ pub(crate) use setting;
 setting!(
     /// Encoding of colours, in a file or for blending.
     ColorSpace, "color_space":
-    /// Linear light, code 1. The release assumes linear light for files that do not state their
+    /// Linear light, code 1. The SHARP release assumes linear light for files that do not state their
     /// encoding.
     Linear = "linear",
-    /// sRGB-encoded, code 0. The release writes sRGB for viewers that blend encoded values. 3D
+    /// sRGB-encoded, code 0. The SHARP release writes sRGB for viewers that blend encoded values. 3D
     /// Gaussian Splatting optimises encoded colours but does not state this in its files.
     Srgb = "srgb",
 );

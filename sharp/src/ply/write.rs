@@ -7,7 +7,7 @@ use crate::color::srgb_from_linear;
 /// Layout of a written file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PlyForm {
-    /// As in the release: the Gaussians are followed by camera, size, quantiles of disparity,
+    /// As in the SHARP release: the Gaussians are followed by camera, size, quantiles of disparity,
     /// colour space and version. Some third-party viewers fail on these additions. View-dependent
     /// colour cannot be stored.
     #[default]
@@ -20,7 +20,7 @@ pub enum PlyForm {
 /// Marks files of [`PlyForm::Plain`], whose colours the reader would otherwise assume to be linear.
 pub(super) const SRGB_COMMENT: &str = "color_space srgb";
 
-/// The release's version of the format.
+/// The SHARP release's version of the format.
 const VERSION: [u8; 3] = [1, 5, 0];
 
 const IDENTITY: [f32; 16] = [

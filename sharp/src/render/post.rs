@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// Colour behind the Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Background {
-    /// Adds nothing. The default of the release and of scoring.
+    /// Adds nothing. The default of the SHARP release and of scoring.
     #[default]
     Black,
     /// Adds `1 − alpha` to each channel.
@@ -77,7 +77,7 @@ impl std::str::FromStr for Background {
     }
 }
 
-/// Minimum alpha by which an accumulated depth is divided (as in the release).
+/// Minimum alpha by which an accumulated depth is divided (as in the SHARP release).
 const ALPHA_FLOOR: f32 = 1e-8;
 
 impl RenderOutput {
@@ -99,7 +99,7 @@ impl RenderOutput {
         }
     }
 
-    /// Like [`Self::srgb`], quantised to 8 bit. Scoring uses [`Quantization::Round`], the release's
+    /// Like [`Self::srgb`], quantised to 8 bit. Scoring uses [`Quantization::Round`], the SHARP release's
     /// video writer [`Quantization::Truncate`].
     pub fn srgb8(&self, background: Background, rule: Quantization) -> RgbImage {
         let encode = self.encoding();

@@ -1,11 +1,11 @@
-//! Screen on which the release renders a photograph's scene.
+//! Screen on which the SHARP release renders a photograph's scene.
 
 use crate::camera::Intrinsics;
 
 /// Photographs higher than this, in pixels, are halved.
 const MAX_HEIGHT: u32 = 3000;
 
-/// Intrinsics with which the release's `sharp render` shows a scene predicted from a photograph.
+/// Intrinsics with which the SHARP release's `sharp render` shows a scene predicted from a photograph.
 ///
 /// The photograph's principal point is ignored and replaced by ((W − 1) / 2, (H − 1) / 2). The
 /// release's own prediction uses (W / 2, H / 2), which is half a pixel away. A photograph higher

@@ -32,7 +32,7 @@ pub struct ShaderConstants {
 impl RenderView {
     /// Low-pass variance in px² of `sharp render` and `sharp predict`: 0, i.e. no filter. The default.
     pub const EPS2D_RELEASE: f32 = 0.0;
-    /// `low_pass_filter_eps` in the release's predictor configuration, which the release's code does not use.
+    /// `low_pass_filter_eps` in the SHARP release's predictor configuration, which the release's code does not use.
     pub const EPS2D_CONFIG: f32 = 0.01;
     /// Low-pass of gsplat by default and of every web viewer; gives a visibly different image.
     pub const EPS2D_GSPLAT: f32 = 0.3;

@@ -23,7 +23,7 @@ use sharp::resize::bilinear_align_corners;
 ///   standard deviation 0.02. Positions: sines and cosines of column and row, because the position
 ///   in a picture is the best predictor of depth.
 /// * Prediction heads: 0, so that the Gaussians are the base Gaussians. Alignment: the last weight
-///   is 0, so that its factors are 1. Both choices are the release's.
+///   is 0, so that its factors are 1. Both choices are the SHARP release's.
 /// * Both channels of the depth head are equal (paper, section on the depth decoder), with a bias
 ///   of 0.3, because a ReLU output that starts at 0 never learns.
 pub(crate) struct Untrained {

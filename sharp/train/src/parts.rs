@@ -1,4 +1,4 @@
-//! The trained parts of the network (paper, implementation details; `set_requires_grad_` in the release).
+//! The trained parts of the network (paper, implementation details; `set_requires_grad_` in the SHARP release).
 
 use serde::Deserialize;
 

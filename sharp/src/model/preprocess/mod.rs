@@ -1,6 +1,7 @@
 //! Loading of a photograph: pixels, orientation, focal length.
 //!
-//! [`image_file`] reads the photograph in the same way as the release, except where the release garbles the picture:
+//! [`image_file`] reads the photograph in the same way as the SHARP release, except where the release garbles the
+//! picture:
 //!
 //! | picture | here | release |
 //! |---|---|---|
@@ -30,7 +31,7 @@ pub struct PhotoOptions {
     pub focal_px: Option<f64>,
     /// Images with more pixels are refused before they are decoded.
     pub max_pixels: u64,
-    /// Alpha is dropped unless another rule is set. Mirrored orientations are never applied, as in the release.
+    /// Alpha is dropped unless another rule is set. Mirrored orientations are never applied, as in the SHARP release.
     pub rules: PictureRules,
 }
 
@@ -129,7 +130,7 @@ fn photo_from_bytes(
             header.orientation
         );
     } else if picture.turned {
-        // Remove the note on the rotation: phones always rotate this way, and the release handles it.
+        // Remove the note on the rotation: phones always rotate this way, and the SHARP release handles it.
         warnings.remove(0);
     }
     let image = picture.image;

@@ -22,7 +22,7 @@ pub use write::{RecordOptions, record};
 /// Number of positions at which a large stage is sampled.
 const SAMPLES: usize = 512;
 
-/// Runs the release's complete prediction, up to metric space, with an observer.
+/// Runs the SHARP release's complete prediction, up to metric space, with an observer.
 fn observe(
     predictor: &Predictor,
     image: Planes<'_>,
