@@ -17,17 +17,18 @@ const MIN_PLAIN: f64 = 0.9;
 const TILE: f64 = 16.0;
 /// Minimum alpha at which Gaussians are blended.
 const MIN_ALPHA: f64 = 1.0 / 255.0;
-/// Maximum distance outside the picture up to which the projection is linearised, as a fraction of the picture's sides.
+/// Centres farther outside the picture than this fraction of its sides are moved to this distance before the projection
+/// is linearised.
 const MARGIN: f64 = 0.15;
 
-/// Numbers of columns and rows of the grid in which [`missing_share`] looks for empty parts.
+/// Numbers of columns and rows of the grid of parts in which [`missing_share`] looks for empty ones.
 const PARTS: (u32, u32) = (8, 6);
-/// Maximum covered share of a part that counts as empty.
+/// A part counts as empty if at most this share of it is covered.
 const MAX_COVERED: f64 = 0.02;
-/// Minimum empty share of the picture from which a part of the file may be missing.
+/// A part of the file may be missing if at least this share of the picture is empty.
 const MIN_MISSING: f64 = 0.15;
-/// Minimum share of the photograph's detail in empty parts from which a part of the file may be missing. Skies and
-/// plain backgrounds, where Gaussians may be left out on purpose, have hardly any detail.
+/// A part of the file may be missing if the empty parts contain at least this share of the photograph's detail. Skies
+/// and plain backgrounds, where Gaussians may be left out on purpose, have hardly any detail.
 const MIN_DETAIL: f64 = 0.2;
 
 /// The share of the picture that is not covered, given the rendering's `alpha`. `None` if the share is below

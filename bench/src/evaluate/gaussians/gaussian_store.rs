@@ -16,11 +16,12 @@ pub(in crate::evaluate) struct GaussianStore {
     kept: Option<PathBuf>,
     limit_bytes: u64,
     memory: BTreeMap<String, Timed>,
-    /// Keys of the predictions in memory, most recent last.
+    /// Keys of the predictions in memory, from oldest to newest.
     order: Vec<String>,
     spill: Option<(TempDir, BTreeSet<String>)>,
     spill_in: PathBuf,
-    /// Source of the predictions in memory. Pairs are sorted, so that all pairs of a source are consecutive.
+    /// Name of the source of all predictions in memory. Pairs are sorted, so that all pairs of a source are
+    /// consecutive.
     source: String,
 }
 

@@ -24,7 +24,7 @@ const REACH: f64 = 0.15;
 const REFINED_REACH: i32 = 2;
 /// Minimum correlation at the place where a block is found.
 const MIN_CORRELATION: f64 = 0.7;
-/// Minimum excess of a found block's correlation over the correlations at other places.
+/// A block is found only if its correlation exceeds the correlations at other places by at least this.
 const MIN_DISTINCTION: f64 = 0.05;
 /// Minimum number of found blocks for measuring a framing.
 const MIN_FOUND: usize = 12;
@@ -39,11 +39,11 @@ const MAX_OFF_FIT: f64 = 1.0;
 /// Minimum share of the blocks that agree with an accepted fit.
 const MIN_AGREEING: f64 = 0.6;
 /// Conditions for accepting a fit: the minimum decrease of the mean distance from the epipolar lines, in pixels, and
-/// the maximum of what remains, as a fraction of the distance without the fit.
+/// the maximum remaining distance, as a fraction of the distance without the fit.
 const GAIN: (f64, f64) = (0.3, 0.5);
-/// [`GAIN`] for a lens's distortion, which hardly moves the middle of the picture.
+/// Like [`GAIN`], but for a lens's distortion, which hardly moves the middle of the picture.
 const GAIN_OF_LENS: (f64, f64) = (0.1, 0.6);
-/// Minimum difference of a zoom from 1 for undoing the zoom and searching the blocks again.
+/// If a measured zoom differs from 1 by at least this, it is undone and the blocks are searched again.
 const MIN_RESAMPLED_ZOOM: f64 = 0.01;
 /// Maximum number of searches with a zoom undone.
 const MAX_RESAMPLINGS: usize = 4;
@@ -52,7 +52,7 @@ const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
 /// Distances from the epipolar lines are limited to this, in pixels, so that outliers do not dominate.
 const MAX_DISTANCE: f64 = 3.0;
 
-/// Where the blocks of a target are in a picture of it.
+/// The places in a picture at which the blocks of its target are found.
 pub(super) struct DisplacedBlocks<'a> {
     view: FramedTarget<'a>,
     shown: &'a RgbImage,
@@ -61,7 +61,7 @@ pub(super) struct DisplacedBlocks<'a> {
 
 impl<'a> DisplacedBlocks<'a> {
     /// Finds the target's blocks in the picture `shown`. Both are shrunk to the same size. `intrinsics` are the
-    /// target's at full size. `translation` is that of the pose from the source's camera to the target's.
+    /// target's at full size. `translation` belongs to the pose that maps the source's camera to the target's.
     pub(super) fn of(
         intrinsics: Intrinsics,
         translation: DVec3,

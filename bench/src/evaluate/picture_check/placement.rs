@@ -23,8 +23,8 @@ const MIN_COVERED: f64 = 0.5;
 const MIN_RESIZED: f64 = 0.018;
 /// Maximum offset of an edge that counts as unmoved, as a fraction of the picture's size.
 const MAX_UNMOVED: f64 = 0.009;
-/// Minimum gain, in dB, for reporting another place of the photograph in the picture. The gain is that of comparing
-/// them at this place instead of unmoved.
+/// Another place of the photograph in the picture is reported only if comparing them at this place, instead of unmoved,
+/// gains at least this much, in dB.
 const MIN_PLACE_GAIN_DB: f64 = 1.5;
 /// Minimum gain for reporting panels, in dB: how much closer a part of the picture is to the whole photograph than to
 /// the same part of the photograph.

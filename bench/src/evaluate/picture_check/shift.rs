@@ -27,17 +27,18 @@ const MIN_PICTURES: usize = 3;
 /// Evidence for a shift: minimum sum of the shares that it explains (see [`MIN_EXPLAINED`]) over the pictures that
 /// agree. Three pictures that show it clearly count as much as six that hardly do.
 const MIN_SUM_OF_SHARES: f64 = 0.5;
-/// Among the pictures that could show a reported shift, the minimum share that agree on it.
+/// A shift is reported only if at least this share of the pictures that could show it agree on it.
 const MIN_SHARE: f64 = 0.65;
 /// Minimum share of the squared displacements of a picture's edges that a shift explains if the picture agrees with it.
 /// Pictures that would not reach this share even with exactly this shift are left out. In good predictions, a shift by
 /// half a pixel explains a third or more. Without a shift, the best fit explains a few hundredths.
 const MIN_EXPLAINED: f64 = 0.08;
-/// [`MIN_EXPLAINED`] and [`MIN_SHARE`] for shifts measured in blocks. Such a shift explains nearly all displacements, but
-/// poor predictions have large displacements, too.
+/// This and the next constant are like [`MIN_EXPLAINED`] and [`MIN_SHARE`], but for shifts measured in blocks. Such a
+/// shift explains nearly all displacements, but poor predictions have large displacements, too.
 const MIN_EXPLAINED_BY_FAR: f64 = 0.6;
 const MIN_SHARE_OF_FAR: f64 = 0.75;
-/// Minimum share of the evidence along a direction for measuring it.
+/// A shift is measured along a direction only if at least this share of the evidence (the trace of the matrix) is along
+/// it.
 const MIN_EVIDENCE: f64 = 0.1;
 /// Minimum gradient of an edge, in levels per pixel.
 const MIN_GRADIENT: f64 = 4.0;
@@ -55,7 +56,7 @@ const MIN_EDGES: u32 = 500;
 
 /// Measures the shift of the picture `shown` across its epipolar lines. `None` if its size differs from its target's,
 /// if it has too few edges along the lines, or if the edges match badly. `intrinsics` are the target's, and
-/// `translation` is that of the pose from the source's camera to the target's.
+/// `translation` belongs to the pose that maps the source's camera to the target's.
 pub(super) fn shift_equations(
     intrinsics: Intrinsics,
     translation: DVec3,
