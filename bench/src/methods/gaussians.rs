@@ -368,7 +368,7 @@ impl PredictGaussians for GaussianFiles {
             first_layer: None,
             extras,
             rule: (rule != Rule::SHARP).then_some(rule),
-            // For a file in the target's space, other readings are not tried.
+            // `None` for a file in the target's space, so that the source check tries no other settings.
             reading: (placement.space != FileSpace::Target).then_some(FileReading {
                 stored,
                 placement,

@@ -23,8 +23,8 @@ pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;
 pub(super) const MIN_ERRORS_OF_LENSES: f64 = 4.0;
 /// Maximum mean loss of an interpretation that explains the views well.
 const MAX_LEFT: f64 = 0.45;
-/// Minimum mean loss of the reader's interpretation that makes the views suspicious; more interpretations are then
-/// tried.
+/// The views are suspicious, and more interpretations are tried, if the mean loss of the reader's interpretation is at
+/// least this.
 const SUSPICIOUS: f64 = 0.25;
 /// Depth agrees overall if at least this fraction of the depths agree. Valid data reach it even with coarse pixels and
 /// slanted surfaces.
@@ -42,11 +42,11 @@ const ENOUGH_IN_TILE: usize = 8;
 /// An interpretation is refuted if it increases colour differences by more than this factor, even if depth agrees
 /// better.
 const WORSE_COLOURS: f64 = 1.02;
-/// [`WORSE_COLOURS`] for another assignment of pictures, which must bring colours nearer: views that move by equal steps
-/// fit poses shifted by a step just as well.
+/// Like [`WORSE_COLOURS`], but for another assignment of pictures to poses, which must reduce colour differences: views
+/// that move by equal steps fit poses shifted by a step just as well.
 const AS_FAR_COLOURS: f64 = 0.97;
-/// Minimum texture of the places that an interpretation compares, as a fraction of the texture of those compared under
-/// the reader's interpretation.
+/// Minimum texture of the places that an interpretation compares, as a fraction of the texture of the places compared
+/// under the reader's interpretation.
 const MIN_TEXTURE: f64 = 0.2;
 
 /// Sum over the projections of each view into the next one. Projections in the opposite direction are left out.
@@ -85,8 +85,8 @@ pub(super) fn agrees(all: &[Explained]) -> bool {
     forward(all).agreement() >= MOSTLY_AGREEING
 }
 
-/// True if another interpretation increases colour differences too much, even if depth agrees better. `is_order`: whether
-/// it assigns pictures otherwise.
+/// True if another interpretation increases colour differences too much, even if depth agrees better. `is_order`:
+/// whether it assigns pictures to other poses.
 pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained], is_order: bool) -> bool {
     let most = if is_order {
         AS_FAR_COLOURS

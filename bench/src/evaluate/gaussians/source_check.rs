@@ -528,7 +528,7 @@ impl<'a> Findings<'a> {
             _ if self.is_lost => (
                 "unrelated",
                 format!(
-                    "{shown}, so the photograph is hardly recognisable; no other reading that was tried is better"
+                    "{shown}, so the photograph is hardly recognisable; no other setting that was tried is better"
                 ),
             ),
             // Holes also lower the contrast.

@@ -47,15 +47,15 @@ const MIN_SHARE: f64 = 0.6;
 const MIN_MORE: f64 = 0.2;
 /// Minimum gain in the number of explained matches over the dataset reader's own interpretation, in standard errors.
 const MIN_ERRORS: f64 = 4.0;
-/// Maximum difference, in standard errors, between two counts for interpretations to be about equal: the matches that
-/// only the first explains, and those that only the second explains.
+/// Two interpretations are about equal if the number of matches that only the first explains differs from the number
+/// that only the second explains by at most this many standard errors.
 const MAX_ERRORS_OF_EQUALS: f64 = 2.0;
 /// Maximum number of views whose poses are tried, two at a time, for two pictures.
 const MAX_TRIED: usize = 48;
 /// The poses of other views are reported only if they explain at least this fraction of the matches.
 const MIN_ELSEWHERE: f64 = 0.75;
-/// Largest fraction of the matches that the pictures' own poses may explain for other views' poses to be reported.
-/// Above this fraction, these poses may merely be imprecise, and one of many alternatives may fit better by chance.
+/// The poses of other views are reported only if the pictures' own poses explain at most this fraction of the matches.
+/// If they explain more, they may merely be imprecise, and one of many alternatives may fit better by chance.
 const MAX_AS_READ: f64 = 0.5;
 
 /// Indices of two views whose poses fit two pictures, a description, and for each match whether
@@ -343,7 +343,7 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
     })
 }
 
-/// True if neither of two interpretations explains significantly more.
+/// True if neither of two interpretations explains significantly more matches than the other.
 fn is_about_equal(one: &[Option<bool>], other: &[Option<bool>]) -> bool {
     let count = |of: (bool, bool)| {
         let both = one.iter().copied().zip(other.iter().copied());
