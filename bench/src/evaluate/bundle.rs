@@ -297,7 +297,7 @@ fn unavailable(record: &Record) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Digest of manifest, records and any times, as defined by the bundle's format.
+/// Digest of the manifest, the records and, if included, the times, as the bundle's format defines it.
 fn digest(
     format: u32,
     manifest: &Manifest,

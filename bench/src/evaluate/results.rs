@@ -39,7 +39,7 @@ pub struct PictureFolder {
     pub labels: BTreeMap<String, String>,
     /// SHA-256 of each kept file, keyed by pair id and the method's label in the folder.
     pub sha256: BTreeMap<(String, String), String>,
-    /// SHA-256 of each kept linear rendering, with the same keys.
+    /// SHA-256 of each kept linear rendering, with the keys of [`Self::sha256`].
     pub float_sha256: BTreeMap<(String, String), String>,
 }
 
@@ -352,7 +352,7 @@ pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError>
     Ok(results)
 }
 
-/// The columns before the metrics.
+/// Names of the columns of `scores.csv` that precede the metrics.
 pub const FIXED_COLUMNS: [&str; 11] = [
     "pair_id",
     "dataset",

@@ -17,16 +17,16 @@ const MIN_FACTOR: f64 = 1.5;
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
 /// Depths are compared only if at least this many pixels have both a rendered and a true depth.
 const FEWEST_PIXELS: usize = 20;
-/// Factor between the median depths above which another unit is suspected even if the ratios vary strongly from pixel to
-/// pixel.
+/// Factor between the median rendered and median true depth above which another unit is suspected even if the ratios
+/// vary strongly from pixel to pixel.
 const CERTAIN_FACTOR: f64 = 10.0;
-/// Minimum number of compared pixels for testing whether depths are ray lengths.
+/// Ray lengths are reported only if at least this many pixels were compared.
 const FEWEST_RAYS: usize = 300;
-/// Minimum spread of the logarithmic depth ratios for testing whether depths are ray lengths. In a narrow field of
+/// Ray lengths are reported only if the spread of the logarithmic depth ratios is at least this. In a narrow field of
 /// view, ray lengths hardly differ from depths.
 const MIN_SPREAD: f64 = 0.01;
-/// Maximum fraction of the spread of the logarithmic depth ratios that remains after correcting for reported ray
-/// lengths.
+/// Ray lengths are reported only if correcting for them reduces the spread of the logarithmic depth ratios to at most
+/// this fraction.
 const LEFT_BY_RAYS: f64 = 0.4;
 
 /// Warns if the rendered depth differs from the true depth by more than prediction errors explain, as if it had another

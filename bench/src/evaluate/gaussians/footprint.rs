@@ -8,10 +8,10 @@ use sharp::render::{Background, RenderView};
 
 use crate::rendering::shared::HOLE_ALPHA;
 
-/// Minimum share of empty pixels for reporting holes.
+/// Holes are reported only if at least this share of the pixels is empty.
 pub(in crate::evaluate) const MIN_HOLES: f64 = 0.02;
-/// Minimum share of the holes' pixels that are white (or black) in the photograph for [`other_background`] to advise
-/// that colour.
+/// [`other_background`] advises white (or black) only if at least this share of the holes' pixels has that colour in
+/// the photograph.
 const MIN_PLAIN: f64 = 0.9;
 /// Side of a tile, pixels, as in gsplat.
 const TILE: f64 = 16.0;
@@ -63,7 +63,7 @@ pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -
 }
 
 /// Advises another background if the photograph is white, or black, wherever `alpha` has holes, and the rendering's
-/// background is not.
+/// background has another colour.
 pub(super) fn other_background(
     photograph: &RgbImage,
     alpha: &[f32],

@@ -94,8 +94,8 @@ impl GaussianStore {
         Ok(Some(timed))
     }
 
-    /// Moves the oldest predictions to disk until the rest fits the limit. The latest always stays
-    /// in memory.
+    /// Moves the oldest predictions to disk until the rest fits the limit. The newest prediction always stays in
+    /// memory.
     fn shrink(&mut self) -> Result<(), FileError> {
         while self.order.len() > 1 && self.bytes() > self.limit_bytes {
             let key = self.order.remove(0);

@@ -7,10 +7,10 @@ use crate::scoring::Region;
 
 /// Size of the reduced pictures that `blur` compares, in pixels.
 const COARSE: (u32, u32) = (16, 12);
-/// Minimum share of the photograph's contrast that is missing in a blurred picture. Pictures of other views have full
-/// contrast.
+/// A picture counts as blurred if at least this share of the photograph's contrast is missing. Pictures of other views
+/// have full contrast.
 const MIN_BLUR: f64 = 0.4;
-/// Maximum width and height compared, in pixels.
+/// Maximum width and height of the compared part of a photograph, in pixels.
 const SIDES: (u32, u32) = (160, 120);
 /// Minimum gain, in dB, of settings of the file reader that count as better. If a file was read correctly, other
 /// settings reduce the error by only some hundredths of a dB.

@@ -42,12 +42,13 @@ const MAX_ERROR_OF_IMPROVED: f64 = 0.97;
 /// is accepted even if other views do not improve. In other views of poor Gaussians, half a pixel makes hardly any
 /// difference.
 const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 1.0;
-/// Minimum gain of a preferred form of colours, in dB. Forms of colours may differ merely in brightness and contrast.
+/// Another form of colours is preferred only if it gains at least this, in dB: forms of colours may differ merely in
+/// brightness and contrast.
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
 /// Like [`MIN_RECOLORED_GAIN_DB`], but for a form of colours whose rendering does not improve further when brightness
 /// and contrast are fitted.
 const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
-/// Relative change of the focal length below which the change is small. Small changes must gain more, because a slight
+/// Changes of the focal length by less than this fraction are small. Small changes must gain more, because a slight
 /// enlargement may improve the fit of misshapen Gaussians by chance.
 const SMALL_ZOOM: f64 = 0.05;
 /// Minimum gain of a small change of the focal length, in dB. The rendering must also have no holes, because enlarging
@@ -61,8 +62,8 @@ const MIN_ENLARGEMENT: f64 = 1.3;
 const WIDE_LAYERS: f64 = 500.0;
 /// A view counts as wholly shown if Gaussians cover at least this share of it.
 const MIN_WHOLE_COVERAGE: f64 = 0.7;
-/// Minimum area of the Gaussians under another order of quaternions, relative to the area as read. Wrong orders reduce
-/// the area, because most Gaussians lie on surfaces that face the camera.
+/// Another order of quaternions is accepted only if the area of the Gaussians is at least this fraction of the area as
+/// read. Wrong orders reduce the area, because most Gaussians lie on surfaces that face the camera.
 pub(super) const MIN_FACING_AREA: f64 = 0.97;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;

@@ -10,9 +10,9 @@ use super::group::{Extent, PictureGroup, scene_of};
 use super::sample::FEWEST;
 use crate::evaluate::record::Record;
 
-/// Minimum number of a dataset's pictures that have a change for the change to be reported.
+/// A change is reported only if at least this many of a dataset's pictures have it.
 const MIN_CHANGED: usize = 3;
-/// Minimum share of a dataset's pictures that have a change for the change to be reported.
+/// A change is reported only if at least this share of a dataset's pictures have it.
 const MIN_SHARE: f64 = 0.8;
 /// Like [`MIN_SHARE`], but for crops, padding and the limited range of video: unaltered pictures are rarely taken for
 /// these.
@@ -38,8 +38,8 @@ const MAX_UNEVEN_SHARE: f64 = 0.1;
 /// rather indicate another exposure.
 const MIN_SPREAD: i16 = 5;
 
-/// The sentences of [`agreed_changes`], without crops and padding if a wrong camera explains them, and without copies of
-/// the source if most compared pictures are such copies, which is reported elsewhere.
+/// The sentences of [`agreed_changes`]. Leaves out crops and padding if a wrong camera explains them. Also leaves out
+/// copies of the source if most compared pictures are copies, because that is reported elsewhere.
 pub(crate) fn changed_pictures(group: &PictureGroup<'_, &Record>) -> Vec<String> {
     let is_reframed = is_reframed(group);
     let shown = group.pictures.iter().filter_map(|record| record.shows);
@@ -206,8 +206,8 @@ fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> Str
     listed(names.iter().map(String::as_str).collect())
 }
 
-/// Warns if several targets have the same predicted file, unless that is the source's photograph, which is reported
-/// elsewhere.
+/// Warns if several targets have the same predicted file, unless that file is the source's photograph, which is
+/// reported elsewhere.
 pub(crate) fn repeated_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let records = || group.pictures.iter();
     if records().any(|record| record.shows == Some(ShownTarget::Source)) {

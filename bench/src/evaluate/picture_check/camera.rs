@@ -33,7 +33,8 @@ fn wrong_camera_of(group: &PictureGroup<'_, &Record>) -> Option<(ShownCamera, us
         cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
     }
     wrong_camera(cameras.clone(), group.extent).or_else(|| {
-        // Pictures from a wrong camera far from its target resemble framings, a different one in each picture.
+        // If a wrong camera is far from the target, its pictures resemble other framings, a different one in each
+        // picture.
         cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
         let found = wrong_camera(cameras, group.extent);
         // Poor depth can also cause other motions and framings, so another motion is no evidence here.
@@ -104,7 +105,7 @@ pub(crate) fn misplaced(
         ));
     }
     let views = count(&[Source, SourceView]);
-    // Far too large depths also give the source's view, so a scene needs more evidence.
+    // Depths that are far too large also give the source's view, so a scene needs more evidence.
     if is_most(views) && views as f64 >= extent.share(0.5) * all as f64 {
         return Some(format!(
             "its pictures show {} rather than the target's ({views} of the {all} compared in {pairs} are significantly \

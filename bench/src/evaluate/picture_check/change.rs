@@ -31,7 +31,7 @@ const MIN_BACKGROUND: f64 = 0.15;
 const MIN_OTHER: f64 = 0.7;
 /// Maximum width compared, in pixels.
 const WIDTH: u32 = 160;
-/// Minimum gain from undoing a mirroring, rotation or rearrangement that is reported, in dB.
+/// A mirroring, rotation or rearrangement is reported only if undoing it gains at least this, in dB.
 pub(super) const MIN_GAIN: f64 = 1.0;
 /// Like [`MIN_GAIN`], but for swapped channels, which hardly change brightness, in dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
@@ -45,8 +45,8 @@ const MIN_GAIN_BY_RANK: f64 = 8.0;
 /// Like [`MIN_GAIN`], but for another range of levels, in dB. It is higher, because other exposures resemble other
 /// ranges.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
-/// PSNR below which other colour spaces and rearrangements are tried, in dB. The limit saves time. Pictures stored in
-/// another colour space have 8 to 13 dB, rearranged ones 13 to 17.
+/// Other colour spaces and rearrangements are tried only on pictures with a PSNR below this, in dB. The limit saves
+/// time. Pictures stored in another colour space have 8 to 13 dB, rearranged ones 13 to 17.
 pub(super) const MAX_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end of the range, because JPEG and resampling cause ringing there.
 const BEYOND_ENDS: f64 = 0.002;
@@ -56,10 +56,10 @@ const MAX_OPPOSED_CORRELATION: f64 = -0.4;
 /// Like [`MAX_OPPOSED_CORRELATION`], but for the differences between channels if all three channels are moved. This
 /// turns hues by a third of the circle, whose cosine is −0.5, so the correlation is half as strong as after a swap.
 const MAX_TURNED_CORRELATION: f64 = MAX_OPPOSED_CORRELATION / 2.0;
-/// Minimum share of the photograph's variance that a picture explains once a reported change is undone. Poor
-/// predictions reach a quarter.
+/// A change is reported only if, once it is undone, the picture explains at least this share of the photograph's
+/// variance. Poor predictions reach a quarter.
 pub(super) const MIN_EXPLAINED: f64 = 0.2;
-/// Correlation below which a picture has little in common with a photograph.
+/// A picture has little in common with a photograph if their correlation is below this.
 pub(super) const UNLIKE: f64 = 0.15;
 
 /// Orders of stored channels: for each, which stored channel is red, which green, and which blue.

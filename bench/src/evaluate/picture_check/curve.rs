@@ -25,7 +25,7 @@ const MIN_BALANCE: f64 = 1.06;
 /// A curve from a photograph's levels, 0..1, to a picture's.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Curve {
-    /// A power, multiplied by a factor per channel.
+    /// The level to the power of `gamma`, multiplied by a factor per channel.
     Power { gains: [f64; 3], gamma: f64 },
     /// Linear light is multiplied by a factor.
     Exposure(f64),
@@ -176,7 +176,8 @@ fn line(pairs: &[LevelPair]) -> (f64, f64) {
     (slope, y - slope * x)
 }
 
-/// The curve with the fewest parameters that explains the pairs of levels; `None` if no curve does.
+/// The curve with the fewest parameters that explains the pairs of levels; `None` if no curve does, or if the root mean
+/// square difference of the levels is below `min_off`, in levels.
 pub(super) fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
     let logarithms = pairs
         .iter()

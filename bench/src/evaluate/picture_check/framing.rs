@@ -26,9 +26,9 @@ const REFINED_REACH: i32 = 2;
 const MIN_CORRELATION: f64 = 0.7;
 /// A block is found only if its correlation exceeds the correlations at other places by at least this.
 const MIN_DISTINCTION: f64 = 0.05;
-/// Minimum number of found blocks for measuring a framing.
+/// A framing is measured only if at least this many blocks are found.
 const MIN_FOUND: usize = 12;
-/// Minimum share of the blocks that are found for measuring a framing.
+/// A framing is measured only if at least this share of the blocks is found.
 const MIN_FOUND_SHARE: f64 = 0.15;
 /// Number of steps of a fit by reweighted least squares.
 const STEPS: usize = 12;
@@ -36,7 +36,7 @@ const STEPS: usize = 12;
 const PRIOR: f64 = 0.05;
 /// Maximum residual of a block that agrees with a fit, in pixels.
 const MAX_OFF_FIT: f64 = 1.0;
-/// Minimum share of the blocks that agree with an accepted fit.
+/// A fit is accepted only if at least this share of the blocks agree with it.
 const MIN_AGREEING: f64 = 0.6;
 /// Conditions for accepting a fit: the minimum decrease of the mean distance from the epipolar lines, in pixels, and
 /// the maximum remaining distance, as a fraction of the distance without the fit.
@@ -137,7 +137,8 @@ impl<'a> DisplacedBlocks<'a> {
             best = again;
         }
         let fit = best.fit.filter(|fit| view.agrees(&best.lines, *fit))?;
-        // Displacements were measured in the resampled picture; multiply by the zoom for those in the picture itself.
+        // Displacements were measured in the resampled picture; multiplying by the zoom gives the displacements in the
+        // picture itself.
         let fit = DVec4::new(fit.x + view.half, fit.y, fit.z, fit.w) * best.zoom;
         view.framing(fit - DVec4::X * view.half)
     }
@@ -256,7 +257,7 @@ impl FramedTarget<'_> {
             .filter(|(ratio, _)| ratio.is_finite())
             .collect();
         ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // Least absolute deviation: the weighted median.
+        // The weighted median has the least absolute deviation.
         let half = ratios.iter().map(|(_, weight)| weight).sum::<f64>() / 2.0;
         let mut sum = 0.0;
         let (k1, _) = ratios.into_iter().find(|(_, weight)| {

@@ -181,7 +181,8 @@ impl Sides {
         self.are_bars() && self.thickness[0].abs_diff(self.thickness[1]) <= MAX_UNEVEN
     }
 
-    /// Whether only the last side has lines of one colour, a grey.
+    /// Whether lines of one grey level fill the last part of the picture, and no line at the first side has a single
+    /// colour.
     fn is_unfinished(&self) -> bool {
         let [first, last] = self.thickness;
         let [r, g, b] = self.colours[1];

@@ -12,9 +12,9 @@ const LIMITED: [(f64, f64); 2] = [(16.0, 2.5), (235.0, 3.0)];
 const WIDTHS: [u32; 2] = [32, 80];
 /// Lowest and highest level of a picture in the limited range, with some tolerance because JPEG overshoots.
 const WITHIN: [u8; 2] = [12, 239];
-/// Minimum share of the pixels with a wrapped channel in a picture whose levels wrapped around.
+/// Wrapped levels are reported only if at least this share of the pixels has a wrapped channel.
 const MIN_WRAPPED: f64 = 5e-4;
-/// Maximum median difference of the mid-tones for reporting wrapped levels.
+/// Wrapped levels are reported only if the median difference of the mid-tones is at most this, in levels.
 const MAX_MID_TONE_DIFFERENCE: u8 = 30;
 /// Maximum number of pixels compared.
 const SAMPLES: u32 = 32_768;
@@ -26,7 +26,7 @@ const MIN_STRETCH: f64 = 1.04;
 /// If the photograph is stretched like the picture, its darkest and brightest level must be at most this far from 0 and
 /// 255, in levels.
 const MAX_OFF_ENDS: f64 = 30.0;
-/// Minimum mean difference of the channels of a coloured photograph, in levels.
+/// A photograph is coloured if its channels differ by at least this on average, in levels.
 const MIN_COLOUR: usize = 8;
 /// The correlation of neighbouring pixels is below the first value in noise, and above the second in photographs.
 const NOISE: [f64; 2] = [0.1, 0.5];
@@ -37,7 +37,7 @@ const CLIP: [(f64, f64); 3] = [(0.4815, 0.2686), (0.4578, 0.2613), (0.4082, 0.27
 /// For each channel, a line maps the photograph's levels to the picture's. Lines are compared at these levels of the
 /// photograph.
 const COMPARED: [f64; 2] = [60.0, 190.0];
-/// Maximum root mean square difference, in levels, between the channels' lines and those of a matching normalisation.
+/// A normalisation matches if the channels' lines differ from its own by at most this root mean square, in levels.
 const MAX_OFF_LINES: f64 = 3.0;
 /// Channels count as treated differently if the root mean square difference of their lines from the common mean is at
 /// least this, in levels.

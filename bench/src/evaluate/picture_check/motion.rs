@@ -16,7 +16,7 @@ use super::finding::ShownCamera;
 
 /// Half the side of a block, rounded down, pixels of a shrunk picture.
 pub(super) const HALF: i64 = 5;
-/// Side of a block.
+/// Side of a block, in pixels of a shrunk picture.
 const SIDE: usize = 2 * HALF as usize + 1;
 /// Number of pixels of a block.
 const AREA: usize = SIDE.pow(2);
@@ -34,29 +34,30 @@ const IN_PICTURE: (f64, f64) = (0.7, 0.05);
 /// A block contradicts the true motion if its correlation at another place exceeds its correlation at the true place by
 /// at least this.
 const MIN_GAIN: f64 = 0.1;
-/// Minimum number of blocks for measuring motion.
+/// Motion is measured only with at least this many blocks.
 const MIN_BLOCKS: usize = 8;
-/// Minimum share of the blocks that are found in the picture, for measuring motion.
+/// Motion is measured only if at least this share of the blocks is found in the picture.
 const MIN_FOUND_SHARE: f64 = 0.4;
-/// Minimum true motion of the blocks that are compared, in pixels.
+/// Only blocks whose true motion is at least this are compared, in pixels.
 const MIN_MOTION: f64 = 3.0;
-/// Minimum share of the blocks that agree with a measured multiple of the motion.
+/// A multiple of the motion counts as measured only if at least this share of the blocks agree with it.
 const MIN_AGREEING: f64 = 0.6;
-/// Minimum share of the blocks that contradict the true motion, for reporting a multiple of it.
+/// A multiple of the true motion is reported only if at least this share of the blocks contradict the true motion.
 const MIN_CONTRADICTING: f64 = 0.5;
-/// Minimum share of the blocks that agree with a reported misread pose.
+/// A misread pose is reported only if at least this share of the blocks agree with it.
 const MIN_POSE_SHARE: f64 = 0.5;
 /// Number of misread poses that are tried, including the source's own pose.
 const CANDIDATES: usize = 10;
 /// A missing rotation or a reversed axis is reported only if simpler causes (a multiple of the motion, the source's
 /// view) explain at most this fraction of the blocks that it explains.
 const MAX_SIMPLER_SHARE: f64 = 0.75;
-/// Percentage of the true motion below which pictures are nearly still.
+/// Pictures that move by less than this percentage of the true motion are nearly still.
 const STILL_PERCENT: i16 = 20;
 /// Like [`MIN_AGREEING`], but for nearly still pictures. It is higher, because blends of the source with a prediction
 /// partly show the source.
 const MIN_AGREEING_STILL: f64 = 0.8;
-/// Minimum rotation for distinguishing the inverse pose from a negated translation, in degrees.
+/// The inverse pose is reported only if the camera turns by at least this, in degrees. Otherwise, it cannot be
+/// distinguished from a negated translation.
 const MIN_TURN: f64 = 0.5;
 /// A translation counts as along an axis if its component along the axis is at least this share of its length.
 const MIN_ALONG_AXIS: f64 = 0.97;

@@ -24,10 +24,10 @@ use crate::evaluate::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
 
-/// Minimum gain of another target over a picture's own for the picture to show that target, in dB.
+/// A picture shows another target only if it is closer to it than to its own target by at least this, in dB.
 const MIN_GAIN: f64 = 2.0;
-/// Minimum PSNR against the source's photograph of a copy of it, perhaps stored as JPEG, in dB. A copy must also reach
-/// [`MIN_COPY_GAIN`].
+/// A picture is a copy of the source's photograph, perhaps stored as JPEG, only if its PSNR against that photograph is
+/// at least this, in dB. It must also reach [`MIN_COPY_GAIN`].
 const MIN_COPY_PSNR: f64 = 40.0;
 /// A picture is a copy of the source's photograph only if its PSNR against that photograph exceeds its PSNR against the
 /// target's by at least this, in dB.

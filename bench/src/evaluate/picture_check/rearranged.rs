@@ -17,7 +17,7 @@ const POINTS: usize = 1024;
 /// Like [`MAX_OF_SPACES`], but for blocks of sub-pixels, in dB. It is higher, because exchanged sub-pixels do the least
 /// harm: good pictures keep about 24 dB.
 const MAX_OF_BLOCKS: f64 = 30.0;
-/// Smallest patches that are tried, in pixels. Patches of networks have 8 to 64.
+/// Minimum side of patches that are tried, in pixels. Patches of networks have sides of 8 to 64 pixels.
 const MIN_PATCH: usize = 8;
 /// Numbers of patches across and down that are tried whatever the shape of the patches, as in tiled inference.
 const GRIDS: std::ops::RangeInclusive<usize> = 2..=4;
