@@ -25,11 +25,11 @@ use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::{path_of, source_of};
 use crate::rendering::pose_alignment;
 
-/// Minimum distance between a file's principal point and the dataset's along an axis, in pixels, for them to count as
-/// different.
+/// The principal points of a file and of the dataset count as different if they differ by more than this along an axis,
+/// in pixels.
 const MIN_SHIFT: f64 = 0.75;
 
-/// Extras that count Gaussians dropped by the renderer, each with the reason in words.
+/// Names of the recorded counts of Gaussians that the renderer drops, each with the reason in words.
 pub const UNUSABLE: [(&str, &str); 2] = [
     ("not_finite", "have values that are not finite"),
     ("zero_quaternions", "have a quaternion of zero"),

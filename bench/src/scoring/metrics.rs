@@ -20,7 +20,7 @@ pub struct Scoring {
     pub rules: ScoringRules,
 }
 
-/// A metric column.
+/// A metric of a run, one column of the tables.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoredMetric {
     pub key: MetricKey,

@@ -21,7 +21,7 @@ pub(super) const MIN_ERRORS: f64 = 3.0;
 pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;
 /// Replaces [`MIN_ERRORS`] for lens distortion.
 pub(super) const MIN_ERRORS_OF_LENSES: f64 = 4.0;
-/// Maximum mean loss of an interpretation that explains the views well.
+/// An interpretation explains the views well if its mean loss is at most this.
 const MAX_LEFT: f64 = 0.45;
 /// The views are suspicious, and more interpretations are tried, if the mean loss of the reader's interpretation is at
 /// least this.
@@ -60,7 +60,7 @@ pub(super) fn landed(all: &[Explained]) -> usize {
     all.iter().map(Explained::landed).sum()
 }
 
-/// Mean loss of the samples that land; 1, the maximum, if too few samples land.
+/// Mean loss of the samples that land inside the other view; 1, the maximum, if too few do.
 pub(super) fn mean_loss(all: &[Explained]) -> f64 {
     let samples: usize = all.iter().map(|one| one.samples).sum();
     let landed = landed(all);
@@ -123,7 +123,7 @@ pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: 
     is_better_by(as_read, other, (least_gain, MIN_ERRORS))
 }
 
-/// Like [`is_better`], with a minimum number of standard errors.
+/// Like [`is_better`], but `least_errors` sets the number of standard errors that the improvement must exceed.
 pub(super) fn is_better_by(
     as_read: &[Explained],
     other: &[Explained],

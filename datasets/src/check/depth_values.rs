@@ -12,7 +12,7 @@ use super::small_view::Sample;
 
 /// Depth counts as clipped only if at least this fraction of its values equal the maximum.
 const MIN_LIMITED: f64 = 0.01;
-/// Minimum number of positions with known depth for the depth to be judged.
+/// Depth is judged only if at least this many positions have known depth.
 const ENOUGH_LIMITED: usize = 100;
 /// A point that has the maximum depth in two views contradicts the poses if the depth that the poses predict differs
 /// from the maximum by more than this fraction.
@@ -54,8 +54,8 @@ impl Met {
 
 impl Neighbours<'_> {
     /// Projects samples of a view into its neighbour. `is_off` receives the sample's depth, its depth in the neighbour
-    /// according to the poses and the depth found there, and returns whether the latter differ, or `None` to ignore the
-    /// position.
+    /// according to the poses and the depth found there, and returns whether the last two differ, or `None` to ignore
+    /// the position.
     fn meet<'s>(
         &self,
         (a, b): (usize, usize),

@@ -43,9 +43,11 @@ const MIN_SIDE: u32 = 48;
 pub(super) const MIN_MATCHES: usize = 30;
 /// Another interpretation counts as better only if it explains at least this fraction of the matches.
 const MIN_SHARE: f64 = 0.6;
-/// Minimum gain in the fraction of explained matches over the dataset reader's own interpretation.
+/// Another interpretation must explain a larger fraction of the matches than the dataset reader's own, by at least
+/// this.
 const MIN_MORE: f64 = 0.2;
-/// Minimum gain in the number of explained matches over the dataset reader's own interpretation, in standard errors.
+/// Another interpretation must explain more matches than the dataset reader's own, by at least this many standard
+/// errors.
 const MIN_ERRORS: f64 = 4.0;
 /// Two interpretations are about equal if the number of matches that only the first explains differs from the number
 /// that only the second explains by at most this many standard errors.
@@ -208,9 +210,9 @@ impl<'a> Matches<'a> {
     }
 
     /// Finds pairs (a view in `starts` and the next one) whose matches are explained by the poses of two other views,
-    /// but not by their own. Returns a sentence for each pair, with the matches explained. Returns nothing if a pair
-    /// with enough matches remains unexplained, or if two pictures would share a pose. Among so many poses, some fit by
-    /// chance.
+    /// but not by their own. Returns a sentence for each pair, with the matches explained. Because some of so many
+    /// poses fit by chance, returns nothing if a pair with enough matches remains unexplained, or if two pictures would
+    /// share a pose.
     fn all_elsewhere(
         &self,
         starts: &BTreeSet<usize>,
