@@ -169,8 +169,8 @@ impl Neighbours<'_> {
             others.all >= ENOUGH_LIMITED && others.off as f64 <= MAX_OTHERS_OFF * others.all as f64;
         (filled.are_mostly_off() && others_fit).then(|| {
             format!(
-                "{:.0} % of the depths are exactly {} m; {:.0} % of these differ from the depths of neighbouring views, against \
-                 {:.0} % of all others, so this value probably stands for unknown depth; store 0 there",
+                "{:.0} % of the depths are exactly {} m; {:.0} % of these differ from the depths of neighbouring views, \
+                 against {:.0} % of all others, so this value probably stands for unknown depth; store 0 there",
                 100.0 * share,
                 number(value),
                 filled.percent_off(),

@@ -88,8 +88,8 @@ worded! {
             "have width and height exchanged by reshaping (W, H) to (H, W); transpose the axes instead of reshaping",
         /// The content is moved by quarters of the size; what leaves at one side enters at the opposite one.
         Rolled =
-            "are rolled by a quarter, a half or three quarters of their width or height, so that what leaves at one side \
-             enters at the opposite one, as by `fftshift` or `roll`; undo it before storing them",
+            "are rolled by a quarter, a half or three quarters of their width or height, so that what leaves at one \
+             side enters at the opposite one, as by `fftshift` or `roll`; undo it before storing them",
         /// The patches lie column by column instead of row by row, or the other way round.
         PatchOrder =
             "have their patches or tiles in another order, column by column instead of row by row or the other way round; \
