@@ -60,7 +60,10 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "which pictures of a scene make pairs",
             &[
                 choice("all", "every illumination: 228 pairs of the train set"),
-                choice("first", "only the first: 38 pairs of the train set"),
+                choice(
+                    "first",
+                    "only the first illumination: 38 pairs of the train set",
+                ),
             ],
         )
         .left_open(),

@@ -196,7 +196,7 @@ fn read_scene(
         scene.notes.push(note.to_owned());
     }
     let hint = if distorted {
-        "; images=undistorted reads those published without distortion"
+        "; images=undistorted reads the pictures published without distortion"
     } else {
         ""
     };

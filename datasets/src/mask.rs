@@ -30,9 +30,8 @@ pub(crate) struct MaskFile {
 }
 
 impl MaskFile {
-    /// Reads the mask for a view: 255 for valid pixels, 0 for others. `size` is the stored
-    /// picture's, which the mask must match; `undistortion` is the mapping to apply to picture and
-    /// mask.
+    /// Reads the mask for a view: 255 for valid pixels, 0 for others. `size` is the size of the stored picture, which
+    /// the mask must have, too; `undistortion` is the mapping to apply to picture and mask.
     pub(crate) fn read(
         &self,
         size: (u32, u32),

@@ -4,9 +4,9 @@ use image::GrayImage;
 
 use crate::left_out::first_few;
 
-/// Minimum fraction of a picture's pixels that must have a level for the level to count as a label.
+/// A level counts as a label if at least this fraction of the picture's pixels have it.
 const MIN_LABELLED: f64 = 0.01;
-/// Minimum fraction of a label map's grey pixels (levels 1 to 254) that have the level of their left and upper
+/// In a label map, at least this fraction of the grey pixels (levels 1 to 254) have the level of their left and upper
 /// neighbours.
 const MIN_FLAT: f64 = 0.8;
 

@@ -38,10 +38,10 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         DepthKind::SETTING,
         Setting::choice(
             "intrinsics",
-            "which intrinsics to use if those of a frame differ from those of the whole file",
+            "which intrinsics to use if a frame's differ from the whole file's",
             &[
-                choice("frame", "those of the frame"),
-                choice("file", "those of the file, as in nerfstudio"),
+                choice("frame", "the frame's intrinsics"),
+                choice("file", "the file's intrinsics, as in nerfstudio"),
             ],
         ),
         Setting::choice(
@@ -58,7 +58,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                     "like keep-white, but pixels where a mask is 128 or more are excluded: for masks that mark the \
                      pixels to exclude",
                 ),
-                choice("apply", "as keep-white"),
+                choice("apply", "the same as keep-white"),
             ],
         ),
         CAMERA_SIZE,

@@ -8,7 +8,7 @@ use super::error::ConfigError;
 use super::text;
 use crate::pairs::{OverlapCache, PairOptions, PairOrigin, PairRecipe, SceneChecks};
 
-/// The depth that decides overlap, the cache of overlaps, and the check of scenes.
+/// Options for the depth that decides overlap, the cache of overlaps, and the check of scenes.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct OverlapConfig {

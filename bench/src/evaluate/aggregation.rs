@@ -11,7 +11,7 @@ use sharp_statistics::mean;
 use super::record::Record;
 
 /// Rule for averaging scores over pairs. It determines the weight of a scene with many pairs, so means under different
-/// rules are different values.
+/// rules cannot be compared.
 #[derive(
     Debug,
     Clone,
@@ -47,9 +47,9 @@ impl Aggregation {
         mean(&units.map(|(_, value)| value).collect::<Vec<_>>())
     }
 
-    /// The values whose unweighted mean is the result of [`Self::of`], each with one of the records behind it. For
-    /// [`Self::Pairs`], these are the given values in the given order; for the other rules, the means of the groups,
-    /// sorted by the groups' names.
+    /// The values whose unweighted mean is the result of [`Self::of`], each with one of the records that it was
+    /// computed from. For [`Self::Pairs`], these are the given values in the given order; for the other rules, the
+    /// means of the groups, sorted by the groups' names.
     pub fn units<'a>(
         self,
         values: impl IntoIterator<Item = (&'a Record, f64)>,

@@ -5,7 +5,7 @@
 //! * `bundle.json`: version and digest.
 //! * `manifest.json`: as in the run folder.
 //! * `pairs.csv`: only the evaluated pairs.
-//! * `units.jsonl`: the status of each unit.
+//! * `units.jsonl`: the outcome of each unit (one method on one pair).
 //! * `missing.json`: planned units without a result.
 //! * `scores.bin`: one column of f64 numbers per metric of the manifest. A column starts with the first bytes of all
 //!   its numbers (big endian), followed by all second bytes, and so on, because this compresses better than number by
@@ -33,16 +33,16 @@ use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::StableHasher;
 use crate::pairs::PairList;
 
-/// Version of the layout. Older versions remain readable.
+/// Version of the layout of bundles that are written. Older versions remain readable.
 const FORMAT: u32 = 2;
 
 /// Maximum unpacked size of a text member, in bytes: a hundred times what the paper's whole evaluation needs.
 const MAX_MEMBER: u64 = 1 << 28;
 
-/// Member with the times, if there are any.
+/// Archive member with prediction times; absent from bundles without times.
 const TIMINGS: &str = "timings.json";
 
-/// Marks a missing score: a NaN that arithmetic does not produce.
+/// Bits that stand for a missing score in `scores.bin`: a NaN that arithmetic does not produce.
 const ABSENT: u64 = u64::MAX;
 
 /// Contents of `bundle.json`, which can be read without the other members.
@@ -79,7 +79,7 @@ pub struct Bundle {
 /// Times of predictions, keyed by the method's label and then by the pair's id.
 pub type Timings = BTreeMap<String, BTreeMap<String, Timing>>;
 
-/// A unit without its scores and without the columns of the pair list.
+/// A line of `units.jsonl`: a method's result on a pair, without scores and without the columns of the pair list.
 #[derive(Serialize, Deserialize)]
 struct UnitLine {
     /// Index of the pair in `pairs.csv`.
@@ -132,7 +132,7 @@ pub fn write_bundle(run: &Path, out: &Path, with_times: bool) -> Result<Results,
 }
 
 impl Results {
-    /// Reads a bundle or a folder, even that of an unfinished run.
+    /// Reads the results of a bundle or a run folder; the run may be unfinished.
     ///
     /// # Errors
     /// If `run` is neither a run folder nor a bundle, if its format is not supported, or if evaluated pairs have been
@@ -186,10 +186,10 @@ impl Bundle {
         })
     }
 
-    /// Contents of the bundle's file.
+    /// The bundle as the bytes of its file.
     ///
     /// # Errors
-    /// If the results refer to pairs or methods that are not listed.
+    /// If the results refer to a pair that is not in the pair list or a method that is not in the manifest.
     pub fn bytes(&self) -> std::io::Result<Vec<u8>> {
         let Results {
             manifest,
@@ -297,7 +297,7 @@ fn unavailable(record: &Record) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Digest of manifest, records and any times, as defined by the bundle's format.
+/// Digest of the manifest, the records and, if included, the times, as the bundle's format defines it.
 fn digest(
     format: u32,
     manifest: &Manifest,
@@ -381,7 +381,8 @@ pub(crate) fn read_head(path: &Path) -> Result<Head, EvaluateError> {
     Members::open(path)?.head()
 }
 
-/// Times of a method's successful predictions by pair; empty for a bundle without times.
+/// Times of a method's successful predictions, keyed by pair id. `root` is a run folder or a bundle; a bundle without
+/// times gives an empty map.
 ///
 /// # Errors
 /// If the folder or bundle cannot be read.

@@ -25,7 +25,8 @@ pub(super) enum Purpose {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Effect {
     Allowed,
-    /// The name's new meaning applies; tables no longer show earlier results under it.
+    /// The new meaning of the dataset's or method's name applies; tables no longer show earlier results under this
+    /// name.
     Replaced,
     Refused,
 }
@@ -169,7 +170,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
                 let what = format!("dataset '{name}' was read by a different version of the code");
                 found.add(CODE, what);
             }
-            texts => found.compare(NAME, &format!("the reading of dataset '{name}'"), texts),
+            texts => found.compare(NAME, &format!("the setting of dataset '{name}'"), texts),
         }
     }
     for (label, before, now) in &methods {

@@ -20,14 +20,15 @@ const FEWEST_SOURCES: usize = 4;
 /// Minimum difference in PSNR between outliers and the other sources, in dB. It corresponds to a fourfold squared
 /// error.
 const MIN_GAP: f64 = 6.0;
-/// Minimum gap between outliers and the other sources, as a multiple of the distance between the worst and the median
-/// of those others. Such a gap is rare by chance.
+/// Minimum gap between the PSNR of outliers and of the other sources, as a multiple of the distance between the worst
+/// and the median PSNR of the other sources. Such a gap is rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
-/// Maximum PSNR of outliers that are found only across scenes, in dB. A uniform picture in the photograph's mean colour
-/// has this PSNR if the standard deviation of the photograph's levels is 45.
+/// Where sources of several scenes are compared with each other, outliers have at most this PSNR, in dB. A uniform
+/// picture in the photograph's mean colour has this PSNR if the standard deviation of the photograph's levels is 45.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
 
-/// Extras of methods that state their training views: 1 if the pair's source (first) or target (second) is one of them.
+/// Names of the extra values recorded for methods that state their training views: 1 if the pair's source (first name)
+/// or target (second name) is a training view, otherwise 0.
 pub(super) const TRAINED_ON: [&str; 2] = ["source_trained_on", "target_trained_on"];
 
 /// Notes on rendering rules that were assumed because neither the Gaussian files nor the user stated them.
@@ -36,7 +37,7 @@ pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> 
     notes.into_iter().cloned().collect()
 }
 
-/// Warnings about the Gaussians behind a record, by topic.
+/// Warnings about the Gaussians that a record's picture was rendered from, by topic.
 pub fn doubts(record: &Record) -> BTreeMap<&str, String> {
     let extra = |name: &str| record.extras.get(name).copied();
     let source = &record.source;
@@ -54,8 +55,8 @@ pub fn doubts(record: &Record) -> BTreeMap<&str, String> {
 
 /// Warns about sources whose Gaussians reproduce the photograph much worse than those of other sources. Compares the
 /// sources of each scene first. If no scene has outliers, compares all sources of each dataset and reports only
-/// renderings that are worse than a uniform picture. Finds wrong files among the many sources for which the source
-/// check tries no other readings.
+/// renderings that are worse than a uniform picture. This finds files of wrong sources even among sources for which the
+/// source check tries no other settings of the file reader.
 fn outlying_sources<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
@@ -74,7 +75,7 @@ fn outlying_sources<'a>(
         .clone()
         .map(|r| (source_of(&r.pair_id), file(r)))
         .collect();
-    // One file of all sources cannot belong to another one of them.
+    // If all sources share one file, no source can have the file of another one.
     let is_shared = |group: &BTreeMap<&str, f64>| {
         let mut files = group.keys().map(|name| files[name]);
         let first = files.next().flatten();
@@ -134,7 +135,7 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
 /// A check of a group of pictures; returns its findings as sentences.
 type Check = fn(&PictureGroup<'_, &Record>) -> Vec<String>;
 
-/// Findings from all records of a method.
+/// Warnings that need all records of a method, one sentence each.
 pub(super) fn joint_doubts<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,

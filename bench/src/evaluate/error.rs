@@ -71,7 +71,7 @@ pub enum EvaluateError {
         found: u32,
         expected: u32,
     },
-    /// A file that was expected to be a bundle.
+    /// A file that should be a bundle but is not one, or is damaged.
     #[error("{}: not a bundle of scores: {reason}", path.display())]
     Bundle { path: PathBuf, reason: String },
     /// Several folders are to be joined, but no output folder is given.

@@ -38,7 +38,7 @@ use crate::pairs::pair_id::path_of;
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     root: PathBuf,
-    /// The lock file, held while this process writes here.
+    /// The open lock file; holds the folder's lock until it is dropped. `None` for reading.
     _lock: Option<Arc<File>>,
 }
 

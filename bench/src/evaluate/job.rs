@@ -1,4 +1,4 @@
-//! The pipeline's input and its counts.
+//! The input of the pipeline, and the counts of units that it returns.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -81,7 +81,8 @@ impl RunOptions {
 pub(super) struct Job<'a> {
     /// Pairs sorted by id.
     pub(super) pairs: Vec<ResolvedPair<'a>>,
-    /// Sources whose Gaussians are also rendered under other readings of their files.
+    /// Names of the sources whose Gaussian files are also read with other settings and rendered, to find wrong
+    /// settings.
     pub(super) checked: BTreeSet<String>,
     pub(super) sample: PictureSample<'a>,
     pub(super) methods: &'a [Box<dyn Method>],

@@ -72,7 +72,7 @@ pub struct Manifest {
 pub struct ProtocolRecord {
     /// Name, as in `--protocol`.
     pub name: String,
-    /// Repository and commit of its rules.
+    /// Repository and commit from which its rules were taken.
     pub source: String,
     /// How the original treats failed targets. Here, failures are recorded and tables state their coverage.
     pub failures: String,
@@ -151,10 +151,10 @@ impl fmt::Display for RendererRecord {
     }
 }
 
-/// One dataset instance.
+/// Facts about one dataset of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DatasetRecord {
-    /// Column group in the tables.
+    /// Name of the dataset, the heading of its column group in the tables.
     pub name: String,
     /// The spec as given, without pair options. `None` in digests of bundles, and if this version cannot parse it.
     #[serde(with = "spec_text")]
@@ -192,7 +192,7 @@ fn is_zero(count: &usize) -> bool {
 }
 
 impl DatasetRecord {
-    /// `720×496 pixels`, or a range; `None` if the manifest does not record it.
+    /// Sizes of the views as text: `720×496 pixels`, or a range. `None` if the manifest does not record them.
     pub fn sizes(&self) -> Option<String> {
         let sizes = self
             .view_sizes
@@ -293,7 +293,7 @@ pub enum ListOrigin {
     Given,
 }
 
-/// One method instance.
+/// Facts about one method of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct MethodRecord {
     /// Row label in the tables.
@@ -331,7 +331,7 @@ impl MethodRecord {
     }
 }
 
-/// One metric column.
+/// A metric of a run, one column of the tables.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MetricRecord {
     /// Convention, weights and precision.

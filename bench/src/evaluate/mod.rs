@@ -26,7 +26,7 @@
 //! * [`aggregation`]: means over pairs.
 //! * [`results`]: a folder as records and tables; [`bundle`]: results in one file; [`mod@join`]: combines folders;
 //!   [`mod@shown`]: selects and renames what is shown; [`mod@rescore`]: rescores kept predictions; [`readings`]: scores
-//!   them under other readings of a protocol.
+//!   them under each way of reading a protocol's rules.
 
 pub mod aggregation;
 pub mod bundle;

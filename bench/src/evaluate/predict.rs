@@ -1,4 +1,4 @@
-//! Prepares a pair's units: takes finished ones from the folder, and predicts and renders the others.
+//! Prepares a pair's units: takes finished units from the folder, and predicts and renders the others.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -273,7 +273,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
     }
 
-    /// Updates a stored unit from the current pair list and the current hashes of files.
+    /// Updates the facts about pair and files in a stored unit from the current pair list and the current hashes of
+    /// files.
     fn refreshed(&self, method: &dyn Method, mut unit: Unit) -> Result<Unit, EvaluateError> {
         let ResolvedPair { pair, scene, .. } = self.truth.planned;
         let refreshed = Record {
@@ -580,7 +581,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(facts)
     }
 
-    /// A lost device or lack of memory is not the pair's fault, so it ends the run, and a restart retries the unit.
+    /// A lost device or lack of memory ends the run instead of counting as the pair's failure; the next run retries the
+    /// unit.
     fn render_failure(&self, method: &dyn Method, error: &RenderError) -> Failure {
         if error.is_device_fault() {
             Failure::Run(EvaluateError::Device {

@@ -290,11 +290,11 @@ fn check_files(
     let notes = different.into_iter().map(|(dataset, views)| {
         let first = views.first().map_or("", String::as_str);
         let text = format!(
-            "{} not as in the pair list, such as {first}, so the list's overlaps and its selection may not apply; `pairs verify` \
-             lists the differences, and `pairs` builds a new list",
+            "{} from those of the pair list, such as {first}, so the list's overlaps and selection may not apply; \
+             `pairs verify` lists the differences, and `pairs` builds a new list",
             match views.len() {
-                1 => "a photograph is".to_owned(),
-                n => format!("{n} photographs are"),
+                1 => "a photograph differs".to_owned(),
+                n => format!("{n} photographs differ"),
             }
         );
         observer.warn(&format!("{dataset}: {text}"));

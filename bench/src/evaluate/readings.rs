@@ -1,5 +1,5 @@
-//! Scores kept predictions under other readings of a protocol than the run's. Predicts and renders nothing, and does
-//! not change the folder.
+//! Scores kept predictions under several readings: ways to turn a prediction into the scored picture that a protocol
+//! leaves open, such as rounding. Predicts and renders nothing, and does not change the folder.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -26,7 +26,7 @@ use crate::scoring::{Region, Scoring};
 /// Lower limit of the alpha by which colours are divided, as in UniSHARP's trainer.
 const MIN_ALPHA: f32 = 1e-4;
 
-/// How a prediction is converted to the scored picture.
+/// A way to convert a prediction to the scored picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PictureReading {
     /// The picture as the run scored it.
@@ -62,7 +62,7 @@ impl PictureReading {
         }
     }
 
-    /// Whether this reading needs the linear picture that `run --keep float` keeps.
+    /// Whether this conversion needs the linear picture that `run --keep float` keeps.
     fn needs_float(self) -> bool {
         matches!(self, Self::Unrounded | Self::Truncated | Self::AlphaDivided)
     }
@@ -260,7 +260,7 @@ impl Readings {
     }
 }
 
-/// Converts a kept rendering under another reading.
+/// Converts a kept linear rendering to the picture that `reading` scores. The error is the reason why it cannot.
 fn from_linear(
     linear: &LinearPicture,
     reading: PictureReading,

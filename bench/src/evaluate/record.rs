@@ -129,7 +129,7 @@ pub struct Record {
     /// little content was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub masked: Option<u8>,
-    /// A note on the rendering rule of the Gaussians; `None` if the file or the user stated the rule.
+    /// A note on the rendering rule that was assumed for the Gaussians; `None` if the file or the user stated the rule.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rule_note: Option<String>,
 }
@@ -177,7 +177,8 @@ pub struct ChosenScale {
     pub tried: usize,
 }
 
-/// Describes the first view or file of Gaussians that differs between two successful results; `None` if there is none.
+/// Describes the first view or file of Gaussians whose hash differs between two successful results; `None` if all
+/// agree.
 pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>) -> Option<String> {
     let mut known: BTreeMap<(&str, &str, &str), (&str, &Record)> = BTreeMap::new();
     let mut gaussians: BTreeMap<[&str; 3], &str> = BTreeMap::new();
@@ -241,7 +242,7 @@ impl Record {
         both.find(|(a, b)| a != b).map(|((what, _), _)| what)
     }
 
-    /// All numbers other than scores, by column name: the method's extras, and those of [`Self::crop`],
+    /// All numbers other than scores, by column name: the method's extras, and the numbers in [`Self::crop`],
     /// [`Self::valid_share`], [`Self::resized_from`] and [`Self::scale`].
     pub fn reported(&self) -> BTreeMap<&str, f64> {
         let mut columns: BTreeMap<&str, f64> = self

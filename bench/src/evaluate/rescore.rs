@@ -126,7 +126,7 @@ pub fn score_shard(
         memory: MemoryShares::of(memory_limit_bytes),
     };
     let mut counts = work.score(list, observer)?;
-    // Count the shard's units without a prediction, too.
+    // Units of the shard that have no prediction count as waiting.
     counts.units += of_shard - there;
     counts.waiting += of_shard - there;
     Ok(counts)
@@ -136,7 +136,7 @@ pub fn score_shard(
 /// against a new photograph.
 const EVALUATE_AGAIN: &str = "`run` with the same options evaluates this pair again";
 
-/// The manifest with its metrics replaced by those of `scoring`.
+/// The manifest with its metrics replaced by the metrics of `scoring`.
 fn under(manifest: &Manifest, scoring: &Scoring) -> Manifest {
     let options = scoring.scorer.options();
     Manifest {
@@ -243,7 +243,7 @@ impl Kept<'_> {
         }
         observer.progress(counts.units, "");
         observer.end();
-        // What remains are units of scenes or views that were left out as unreadable.
+        // The remaining units are of scenes or views that were left out because they cannot be read.
         let unread = units.into_values().flatten().count();
         counts.units += unread;
         counts.failed += unread;
@@ -356,7 +356,7 @@ pub(super) fn score_common_region(
     Ok(())
 }
 
-/// Stores the scored part of a picture, for reports.
+/// Stores the part of a picture that is scored, so that reports can show it.
 fn keep_cut(folder: &RunFolder, item: &mut Unscored) -> Result<(), EvaluateError> {
     let Slot {
         method, pair_id, ..
@@ -375,7 +375,7 @@ enum Cut {
     Picture(Box<Unscored>),
 }
 
-/// Crops a unit to a region. `size` is the target's width and height.
+/// Crops a unit's picture to the region common to all methods. `size` is the target's width and height.
 fn cut(folder: &RunFolder, unit: &Unit, common: Region, size: (u32, u32)) -> Cut {
     let mut unit = unit.clone();
     if unit.record.status != Status::Ok {

@@ -39,14 +39,14 @@ pub struct PictureFolder {
     pub labels: BTreeMap<String, String>,
     /// SHA-256 of each kept file, keyed by pair id and the method's label in the folder.
     pub sha256: BTreeMap<(String, String), String>,
-    /// SHA-256 of each kept linear rendering, with the same keys.
+    /// SHA-256 of each kept linear rendering, with the keys of [`Self::sha256`].
     pub float_sha256: BTreeMap<(String, String), String>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeptPicture {
     pub path: PathBuf,
-    /// Whether the file still has the bytes that were scored.
+    /// Whether the file's bytes are still those of the scored picture.
     pub is_scored: bool,
 }
 
@@ -207,7 +207,7 @@ pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder
 }
 
 impl Results {
-    /// Reads a folder, even that of an unfinished run.
+    /// Reads a run folder; the run may be unfinished.
     ///
     /// # Errors
     /// If it is not a run folder, has another format, or pairs have been removed from its pair list or plan.
@@ -352,7 +352,7 @@ pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError>
     Ok(results)
 }
 
-/// The columns before the metrics.
+/// Names of the columns of `scores.csv` that precede the metrics.
 pub const FIXED_COLUMNS: [&str; 11] = [
     "pair_id",
     "dataset",
@@ -422,7 +422,7 @@ pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Vec<u8> {
     csv_bytes(header, rows)
 }
 
-/// Wall seconds of each unit as CSV; see [`Timing`].
+/// Wall times of each unit's stages in seconds, as CSV; see [`Timing`].
 fn timings_csv<'a>(units: impl Iterator<Item = &'a Unit>) -> Vec<u8> {
     let head = [
         "pair_id",

@@ -292,7 +292,7 @@ pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
     }
 }
 
-/// The crop to record; `None` if the whole target is scored.
+/// The record of a scored region; `None` if the whole target is scored.
 pub(super) fn crop(region: Option<Region>, target: (u32, u32)) -> Option<Crop> {
     let region = region.filter(|region| *region != Region::whole(target))?;
     Some(Crop {

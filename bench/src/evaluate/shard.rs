@@ -123,7 +123,8 @@ fn environment(name: &str) -> Option<String> {
     std::env::var(name).ok()
 }
 
-/// The share for this task of a scheduler's job array.
+/// The share of this process, which a scheduler started as one task of a job array. `variable` reads an environment
+/// variable.
 fn of_array(
     count: Option<usize>,
     variable: impl Fn(&str) -> Option<String>,

@@ -36,7 +36,7 @@ fn renaming(text: &str) -> Result<(String, String), &'static str> {
     }
 }
 
-/// A name on the command line that matches no result, or that two methods would share.
+/// Error for a name on the command line that matches no result, or that two methods would share.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error("--{option}: {reason}")]
 pub struct ShownError {
@@ -45,8 +45,8 @@ pub struct ShownError {
 }
 
 impl Shown {
-    /// The selected results. Results to be compared with each other are passed together, because a name is an error
-    /// only if it is in none of them.
+    /// The selected results. Pass all results that are compared with each other in one call: a name is an error only if
+    /// none of them contains it.
     ///
     /// # Errors
     /// If a name is in none of the results, or two methods of one of them would have the same name.

@@ -74,8 +74,8 @@ enum Round {
 }
 
 impl Evaluation {
-    /// Measures every method on the pairs of each dataset. Skips `target` and the scale sweep, which have no cost of
-    /// their own.
+    /// Measures every method on the pairs of each dataset. Skips the method `target` and the scale sweep: neither
+    /// predicts anything itself.
     ///
     /// # Errors
     /// If the renderer's device fails. Other failures are listed in [`Speed::failures`], and the measurement continues.

@@ -21,7 +21,7 @@ pub struct RunProgress {
     pub all: RunStatus,
     /// Progress of each method, in the order of the plan.
     pub methods: Vec<(String, RunStatus)>,
-    /// Number of recently finished units, and the seconds that they took; `None` if unknown.
+    /// Number of units finished within the last ten minutes of work, and the seconds that they took; `None` if unknown.
     pub pace: Option<(usize, f64)>,
     pub estimate: Option<Estimate>,
     /// Damaged files; their units count as missing.
@@ -132,8 +132,8 @@ fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
 }
 
 /// Number of units that finished within [`WINDOW`] before the last one, and the seconds between the first and the last.
-/// The first is not counted, because only its end is in the period. `None` if only one unit finished in the period, or
-/// if the last one finished longer ago than [`WINDOW`].
+/// The first of these units is not counted, because only its end is in the period. `None` if only one unit finished in
+/// the period, or if the last one finished longer ago than [`WINDOW`].
 fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
     times.sort();
     let last = *times.last()?;

@@ -23,7 +23,7 @@ pub struct Unit {
     pub checksum: String,
     /// The unit's identity.
     pub slot: Slot,
-    /// Hash of everything that prediction and rendering depend on.
+    /// Hash of all inputs of prediction and rendering.
     pub picture_key: String,
     /// The pair, the outcome and reported values, without scores; see [`Self::scores`].
     pub record: Record,
@@ -192,7 +192,7 @@ impl Unit {
         self.record.status != Status::Ok
     }
 
-    /// Whether the unit is scored or a recorded failure.
+    /// Whether the unit has scores or is a recorded failure.
     pub(super) fn is_done(&self) -> bool {
         self.progress(self.scores.is_empty()) != UnitProgress::Unscored
     }

@@ -16,7 +16,7 @@ use super::method::{MethodError, PicturePrediction};
 use crate::io::pictures::{self, PictureReading, ReadError, to_rgb8};
 use crate::scoring::Region;
 
-/// Note on JPEG files, whose errors count as the method's.
+/// Note on predictions stored as JPEG, whose compression errors count as errors of the method.
 pub(crate) const LOSSY: &str =
     "stored as JPEG, whose losses change the scores; store them as PNG or EXR";
 

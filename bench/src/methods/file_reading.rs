@@ -206,7 +206,7 @@ impl FileReading {
 
     pub(super) const RULE_KEY: &'static str = "rendering";
 
-    /// The reading of arrays in memory: their values are decoded and in the source camera's space.
+    /// The settings for arrays in memory, whose values are decoded and in the source camera's space.
     pub fn of_arrays() -> Self {
         Self {
             stored: StoredForm::default().of_arrays(),

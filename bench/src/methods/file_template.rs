@@ -114,7 +114,7 @@ fn is_below(path: &Path) -> bool {
 }
 
 /// Suggests a value for `file=`, as a message: the template that finds the largest number of the pairs' files in the
-/// folder. `None` if no template finds any. `extensions` are those of the files that the method reads.
+/// folder. `None` if no template finds any. `extensions` are the extensions of files that the method reads.
 pub(super) fn suggestion(
     folder: &Path,
     ids: &BTreeSet<String>,

@@ -25,11 +25,11 @@ use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::{path_of, source_of};
 use crate::rendering::pose_alignment;
 
-/// Minimum distance between a file's principal point and the dataset's along an axis, in pixels, for them to count as
-/// different.
+/// The principal points of a file and of the dataset count as different if they differ by more than this along an axis,
+/// in pixels.
 const MIN_SHIFT: f64 = 0.75;
 
-/// Extras that count Gaussians dropped by the renderer, each with the reason in words.
+/// Names of the recorded counts of Gaussians that the renderer drops, each with the reason in words.
 pub const UNUSABLE: [(&str, &str); 2] = [
     ("not_finite", "have values that are not finite"),
     ("zero_quaternions", "have a quaternion of zero"),
@@ -368,7 +368,7 @@ impl PredictGaussians for GaussianFiles {
             first_layer: None,
             extras,
             rule: (rule != Rule::SHARP).then_some(rule),
-            // For a file in the target's space, other readings are not tried.
+            // `None` for a file in the target's space, so that the source check tries no other settings.
             reading: (placement.space != FileSpace::Target).then_some(FileReading {
                 stored,
                 placement,

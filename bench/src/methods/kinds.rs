@@ -246,7 +246,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "resize=…, crop=x:y:w:h|center:W:H, alpha=…, color=…, orientation=…, exr=…",
-                "as for imported",
+                "as for the kind imported",
             ),
         ],
         build: |spec, chooser| swept(spec, chooser, Command::from_spec(spec)?),
@@ -307,7 +307,7 @@ fn kind_of(spec: &MethodSpec) -> Result<&'static MethodKind, SpecError> {
 
 type Built = Result<Box<dyn Method>, SpecError>;
 
-/// The method itself; with `scales=`, its sweep over these scales.
+/// The method itself, or with `scales=` its [`ScaleSweep`] over these scales.
 fn swept<M: PredictAtScale + 'static>(
     spec: &MethodSpec,
     chooser: Option<&Arc<ScaleChooser>>,

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::Deserialize;
 
-/// Maximum deviation of a matrix's columns from being equally long and orthogonal, as a share of their squared length.
+/// A matrix is a similarity if its columns are equally long and orthogonal up to this share of their squared length.
 const SIMILARITY: f64 = 1e-3;
 
 #[derive(Deserialize)]

@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 pub struct Privilege {
     #[serde(rename = "privilege")]
     pub depth: TrueDepth,
-    /// Views of the scene other than the source.
+    /// Whether the method uses views of the scene other than the source.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub several_views: bool,
-    /// The target's photograph, to which the target's camera is aligned before the picture is scored.
+    /// Whether the target's camera is aligned to the target's photograph before the picture is scored.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub target_pose: bool,
 }
@@ -40,8 +40,8 @@ impl Privilege {
         }
     }
 
-    /// One phrase per privilege. There is none for seeing the true depth itself, because the descriptions of such
-    /// methods mention it.
+    /// One phrase per privilege. Seeing the true depth itself has no phrase, because the descriptions of such methods
+    /// mention it.
     pub fn phrases(self) -> impl Iterator<Item = &'static str> {
         let scale = self.depth == TrueDepth::DepthScale;
         [

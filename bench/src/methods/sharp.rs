@@ -42,8 +42,8 @@ impl Sharp {
     /// Parses the options; the weights are loaded at the first prediction.
     ///
     /// # Errors
-    /// If the checkpoint is missing or is not the recorded one, the device does not exist, or an option has an unknown
-    /// value.
+    /// If the checkpoint is missing or differs from the one recorded at first use, the device does not exist, or an
+    /// option has an unknown value.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let depth = spec.depth(TrueDepth::DepthScale)?;
         let refused = |error: &dyn std::fmt::Display| spec.refused(error);
@@ -66,8 +66,8 @@ impl Sharp {
             ..named.map_err(|error| refused(&error))?
         };
         let sharp = Self::new(&spec.label, network, depth).map_err(|error| refused(&error))?;
-        // If the user named no checkpoint, the official one found now must equal that of the first use. Failing to
-        // write the cache is no error.
+        // If the user named no checkpoint, the official one found now must equal the one recorded at first use. Failing
+        // to write this record is no error.
         if let (None, Some(record)) = (checkpoint, record_file(RELEASE_FILE)) {
             let Self {
                 network, identity, ..

@@ -22,7 +22,7 @@ pub enum SpecError {
     Refused { spec: String, reason: String },
 }
 
-/// One instance: a kind, a label (by default the kind's name) and options.
+/// A method as given on the command line: a kind, a label (by default the kind's name) and options.
 ///
 /// Values that contain a comma are quoted with `'…'` or `"…"`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -37,7 +37,7 @@ pub struct MethodSpec {
 }
 
 impl SpecError {
-    /// The reason without the spec.
+    /// The error's reason, without the spec.
     pub fn reason(self) -> String {
         match self {
             Self::UnknownKind { .. } => self.to_string(),

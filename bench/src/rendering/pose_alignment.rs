@@ -35,7 +35,7 @@ const REACH: f64 = 0.5;
 /// Smaller values of [`REACH`] for the final rounds at the last width, in pixels. Smaller values
 /// reduce the effect of single pixels.
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
-/// Minimum length of a step, in pixels. A shorter one ends the iteration at a width.
+/// Minimum length of a step, in pixels. A shorter step ends the iteration at a picture width.
 const LAST_STEP: f64 = 0.01;
 /// Damping of the first step.
 const INITIAL_DAMPING: f64 = 1e-3;

@@ -52,7 +52,8 @@ impl GroundTruth {
         self.valid.as_ref()
     }
 
-    /// A prediction of the whole target with the photograph's own pixels where pixels do not count.
+    /// A prediction of the whole target, in which pixels that the dataset excludes are replaced by those of the
+    /// photograph.
     pub(crate) fn with_excluded_of<'a>(&self, prediction: &'a RgbImage) -> Cow<'a, RgbImage> {
         let Some(valid) = &self.valid else {
             return Cow::Borrowed(prediction);
@@ -239,8 +240,8 @@ struct Shown<'a> {
 }
 
 impl Shown<'_> {
-    /// The picture as it is compared. A picture of the wrong size is returned unchanged; the scorer
-    /// reports both sizes.
+    /// The picture as it is compared, with excluded pixels filled. A picture of the wrong size is returned unchanged;
+    /// the scorer reports both sizes.
     fn seen<'p>(&self, picture: &'p Picture) -> Cow<'p, Picture> {
         match &self.excluding {
             Some((valid, colour)) if picture.dimensions() == self.truth.dimensions() => {

@@ -20,7 +20,7 @@ pub struct Scoring {
     pub rules: ScoringRules,
 }
 
-/// A metric column.
+/// A metric of a run, one column of the tables.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoredMetric {
     pub key: MetricKey,
@@ -75,7 +75,7 @@ impl Scoring {
         })
     }
 
-    /// The same metrics under other rules; both share the loaded networks.
+    /// These metrics under other scoring rules. The result shares the loaded networks.
     #[must_use]
     pub fn under(&self, rules: ScoringRules) -> Self {
         let of = |metric: &ScoredMetric| {

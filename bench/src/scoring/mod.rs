@@ -1,5 +1,4 @@
-//! Scores predictions against ground truth. Apart from the method `target`, this is the only module that uses a
-//! target's photograph.
+//! Scores predictions against ground truth: the targets' photographs, which the code of methods never sees.
 //!
 //! * [`ground_truth`]: a target's photograph and the pixels that count.
 //! * [`metrics`]: the metrics of a run with their weights; scores several predictions of one target together.

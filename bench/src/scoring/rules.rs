@@ -16,7 +16,7 @@ pub struct ScoringRules {
     pub border: Border,
 }
 
-/// The mask of a pair that metrics `@mask` use.
+/// Which pixels of a pair metrics with the suffix `@mask` compare.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PairMask {
@@ -24,12 +24,11 @@ pub enum PairMask {
     #[default]
     NotExcluded,
     /// Target pixels with depth whose points project into the source's image; occlusion is not tested. A mask with
-    /// fewer than [`MIN_PIXELS`] is discarded.
+    /// fewer than [`MIN_PIXELS`] pixels is discarded.
     SourceBounds,
 }
 
-/// Minimum number of pixels inside [`PairMask::SourceBounds`] for a value to be computed:
-/// UniSHARP's rule.
+/// A value is computed only if [`PairMask::SourceBounds`] contains at least this many pixels, as in UniSHARP.
 pub const MIN_PIXELS: usize = 8;
 
 /// The border that is excluded from comparison.

@@ -8,8 +8,7 @@ const RADIUS: u32 = 3;
 const MAX_BLOCKS: usize = 1500;
 /// Minimum standard deviation of a block's levels; blocks with less contrast are not compared.
 const MIN_CONTRAST: f32 = 8.0;
-/// Maximum distance, in reduced pixels, between a block's best match and its disparity for the match to confirm the
-/// disparity.
+/// A block's best match confirms its disparity if the two are at most this far apart, in reduced pixels.
 const MAX_OFF: f64 = 1.0;
 /// A pair is judged only if at least this many blocks were compared.
 const MIN_BLOCKS: usize = 200;

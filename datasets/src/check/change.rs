@@ -127,7 +127,7 @@ impl Moves {
     }
 }
 
-/// An interpretation that fits better.
+/// An interpretation that fits better than the dataset reader's own.
 #[derive(Debug, Clone)]
 pub(super) struct Better {
     pub(super) change: Change,

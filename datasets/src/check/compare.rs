@@ -21,10 +21,10 @@ pub(super) const MIN_ERRORS: f64 = 3.0;
 pub(super) const MIN_GAIN_OF_LENSES: f64 = 0.03;
 /// Replaces [`MIN_ERRORS`] for lens distortion.
 pub(super) const MIN_ERRORS_OF_LENSES: f64 = 4.0;
-/// Maximum mean loss of an interpretation that explains the views well.
+/// An interpretation explains the views well if its mean loss is at most this.
 const MAX_LEFT: f64 = 0.45;
-/// Minimum mean loss of the reader's interpretation that makes the views suspicious; more interpretations are then
-/// tried.
+/// The views are suspicious, and more interpretations are tried, if the mean loss of the reader's interpretation is at
+/// least this.
 const SUSPICIOUS: f64 = 0.25;
 /// Depth agrees overall if at least this fraction of the depths agree. Valid data reach it even with coarse pixels and
 /// slanted surfaces.
@@ -42,11 +42,11 @@ const ENOUGH_IN_TILE: usize = 8;
 /// An interpretation is refuted if it increases colour differences by more than this factor, even if depth agrees
 /// better.
 const WORSE_COLOURS: f64 = 1.02;
-/// [`WORSE_COLOURS`] for another assignment of pictures, which must bring colours nearer: views that move by equal steps
-/// fit poses shifted by a step just as well.
+/// Like [`WORSE_COLOURS`], but for another assignment of pictures to poses, which must reduce colour differences: views
+/// that move by equal steps fit poses shifted by a step just as well.
 const AS_FAR_COLOURS: f64 = 0.97;
-/// Minimum texture of the places that an interpretation compares, as a fraction of the texture of those compared under
-/// the reader's interpretation.
+/// Minimum texture of the places that an interpretation compares, as a fraction of the texture of the places compared
+/// under the reader's interpretation.
 const MIN_TEXTURE: f64 = 0.2;
 
 /// Sum over the projections of each view into the next one. Projections in the opposite direction are left out.
@@ -60,7 +60,7 @@ pub(super) fn landed(all: &[Explained]) -> usize {
     all.iter().map(Explained::landed).sum()
 }
 
-/// Mean loss of the samples that land; 1, the maximum, if too few samples land.
+/// Mean loss of the samples that land inside the other view; 1, the maximum, if too few do.
 pub(super) fn mean_loss(all: &[Explained]) -> f64 {
     let samples: usize = all.iter().map(|one| one.samples).sum();
     let landed = landed(all);
@@ -85,8 +85,8 @@ pub(super) fn agrees(all: &[Explained]) -> bool {
     forward(all).agreement() >= MOSTLY_AGREEING
 }
 
-/// True if another interpretation increases colour differences too much, even if depth agrees better. `is_order`: whether
-/// it assigns pictures otherwise.
+/// True if another interpretation increases colour differences too much, even if depth agrees better. `is_order`:
+/// whether it assigns pictures to other poses.
 pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained], is_order: bool) -> bool {
     let most = if is_order {
         AS_FAR_COLOURS
@@ -123,7 +123,7 @@ pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: 
     is_better_by(as_read, other, (least_gain, MIN_ERRORS))
 }
 
-/// Like [`is_better`], with a minimum number of standard errors.
+/// Like [`is_better`], but `least_errors` sets the number of standard errors that the improvement must exceed.
 pub(super) fn is_better_by(
     as_read: &[Explained],
     other: &[Explained],

@@ -12,22 +12,22 @@ use super::small_view::Sample;
 
 /// Depth counts as clipped only if at least this fraction of its values equal the maximum.
 const MIN_LIMITED: f64 = 0.01;
-/// Minimum number of positions with known depth for the depth to be judged.
+/// Depth is judged only if at least this many positions have known depth.
 const ENOUGH_LIMITED: usize = 100;
-/// Relative difference between the maximum depth and the depth that the poses predict, above which a point with the
-/// maximum depth in two views contradicts the poses.
+/// A point that has the maximum depth in two views contradicts the poses if the depth that the poses predict differs
+/// from the maximum by more than this fraction.
 const OFF_LIMIT: f64 = 0.002;
 /// Like [`OFF_LIMIT`], in quantisation steps of the depth map at its maximum; the larger of the two
 /// thresholds applies.
 const OFF_STEPS: f64 = 2.0;
-/// Minimum fraction of depths with exactly the same value for that value to possibly stand for unknown depth.
+/// A value may stand for unknown depth only if at least this fraction of the depths have exactly this value.
 const MIN_FILLED: f64 = 0.05;
-/// Maximum fraction of the other depths that differ between neighbouring views; if more differ, poses or the whole depth
-/// are wrong.
+/// If more than this fraction of the remaining depths differ between neighbouring views, poses or the whole depth are
+/// wrong, rather than one value.
 const MAX_OTHERS_OFF: f64 = 0.4;
-/// Upper limit of a normalised map's minimum, at the reduced size.
+/// The minimum of a normalised map, at the reduced size, is below this.
 const MIN_NORMALISED: f64 = 0.1;
-/// Lower limit of a normalised map's maximum, at the reduced size.
+/// The maximum of a normalised map, at the reduced size, is at least this.
 const MAX_NORMALISED: f64 = 0.9;
 
 /// Two single-valued maps contradict each other if the relative difference of their depths exceeds this. For other
@@ -54,8 +54,8 @@ impl Met {
 
 impl Neighbours<'_> {
     /// Projects samples of a view into its neighbour. `is_off` receives the sample's depth, its depth in the neighbour
-    /// according to the poses and the depth found there, and returns whether the latter differ, or `None` to ignore the
-    /// position.
+    /// according to the poses and the depth found there, and returns whether the last two differ, or `None` to ignore
+    /// the position.
     fn meet<'s>(
         &self,
         (a, b): (usize, usize),
@@ -169,8 +169,8 @@ impl Neighbours<'_> {
             others.all >= ENOUGH_LIMITED && others.off as f64 <= MAX_OTHERS_OFF * others.all as f64;
         (filled.are_mostly_off() && others_fit).then(|| {
             format!(
-                "{:.0} % of the depths are exactly {} m and mostly differ from the neighbouring views' ({:.0} %; of the other \
-                 depths, {:.0} %), so this value probably stands for unknown depth; store 0 there",
+                "{:.0} % of the depths are exactly {} m; {:.0} % of these differ from the depths of neighbouring views, \
+                 against {:.0} % of all others, so this value probably stands for unknown depth; store 0 there",
                 100.0 * share,
                 number(value),
                 filled.percent_off(),

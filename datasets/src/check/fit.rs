@@ -36,8 +36,8 @@ const MAX_EXPLAINED_COLOURS: f64 = 0.8;
 const MAX_COLOURS_LEFT: f64 = 0.75;
 /// Colour differences above this multiple of the differences between unrelated places never count as explained.
 const MAX_COLOURS: f64 = 1.0;
-/// Fraction of the loss remaining after a change above which rounded poses are considered a likelier cause than the
-/// error that the change corrects.
+/// If more than this fraction of the loss remains after a change, rounded poses are considered a likelier cause than
+/// the error that the change corrects.
 const MAX_LOSS_LEFT: f64 = 0.75;
 /// Factors of fx or fy alone are large if they are above this value or below its reciprocal.
 const LARGE_FACTOR: f64 = 1.25;

@@ -7,12 +7,11 @@ use super::features::{CLOSE as CLOSE_TO_LINE, MIN_MATCHES, Matches, NEAR, lies, 
 use super::neighbours::Neighbours;
 use super::small_view::{WIDEST, ray};
 
-/// Minimum median distance of matches from their predicted places, in reduced pixels, in a pair of views that depth
-/// contradicts. In addition, few matches may be close to these places ([`MAX_CLOSE`]). Consistent scenes have medians
-/// below 1.
+/// Depth contradicts a pair of views if the median distance of matches from their predicted places is at least this, in
+/// reduced pixels, and few matches are close to these places ([`MAX_CLOSE`]). Consistent scenes have medians below 1.
 const MIN_MISS: f64 = 2.5;
-/// Maximum fraction of matches within [`CLOSE`] of their predicted places in a pair of views that depth contradicts
-/// ([`MIN_MISS`]). Consistent scenes have fractions above 0.8.
+/// Depth contradicts a pair of views ([`MIN_MISS`]) only if at most this fraction of the matches are within [`CLOSE`]
+/// of their predicted places. Consistent scenes have fractions above 0.8.
 const MAX_CLOSE: f64 = 0.35;
 /// Distance, in reduced pixels, within which a match is close to its predicted place.
 const CLOSE: f64 = 2.0;

@@ -230,7 +230,8 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let is_known = overflowed.is_some() || plausible::are_of_other_size(&scene.views);
     contradictions.extend(overflowed);
     contradictions.extend(match (&scene.pairing, &neighbours) {
-        // Both errors also make the following tests fail, so those failures would not reveal anything else.
+        // An overflow or a wrong calibration also makes the following tests fail, so they would not reveal any other
+        // error.
         _ if is_known => None,
         (Pairing::Stereo { .. }, _) => {
             let (contradiction, said) = stereo::contradictions(&scene.views, effort);

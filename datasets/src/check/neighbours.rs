@@ -1,4 +1,4 @@
-//! Neighbouring views of a scene at reduced size. Measures how well an interpretation projects one into the next.
+//! Neighbouring views of a scene at reduced size. Measures how well an interpretation projects one view into the next.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,7 +17,7 @@ use crate::view::evenly_spaced;
 /// A thorough check reads all views of a scene if there are at most this many.
 pub(super) const MAX_ALL: usize = 12;
 
-/// Minimum motion of the content between two views, in reduced pixels, for which identical pictures are an error.
+/// Identical pictures are an error if the content moves by at least this between the two views, in reduced pixels.
 const MIN_MOVED: f64 = 1.5;
 
 /// Colours fit if their difference is at most this fraction of the difference between unrelated places.

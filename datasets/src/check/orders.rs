@@ -15,8 +15,8 @@ use crate::View;
 /// Shifts and reorderings are tried only with at least this many views; with fewer, any assignment to poses may fit.
 const MIN_VIEWS: usize = 5;
 
-/// Minimum number of pairs of neighbours that a shift starting after the first picture must explain better to be
-/// reported. A single pair may be due to one wrong pose.
+/// A shift that starts after the first picture is reported only if it explains at least this many pairs of neighbours
+/// better. A single pair may be due to one wrong pose.
 const MIN_SHIFTED: usize = 2;
 
 /// The poses of two other views fit a pair only if they remove at least this fraction of the pair's loss. The fraction

@@ -12,9 +12,9 @@ const MIN_JUMP: f64 = WRAP / 2.0;
 /// Approximate relative tolerance for a surface to continue across a jump. The value after the jump, with the lost bit
 /// restored, is compared with the value extrapolated from those before the jump.
 const NEAR: f64 = 0.01;
-/// Minimum number of jumps across which the surface continues, for a map to count as overflowed.
+/// A map counts as overflowed only if the surface continues across at least this many jumps.
 const MIN_SEAMS: usize = 16;
-/// Minimum fraction of all jumps across which the surface continues, for a map to count as overflowed.
+/// A map counts as overflowed only if the surface continues across at least this fraction of all jumps.
 const MIN_SHARE: f64 = 0.15;
 
 /// A sentence on the first of a few views whose depth map overflowed. Files that cannot be read are reported elsewhere.

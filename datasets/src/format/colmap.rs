@@ -135,8 +135,8 @@ fn read_images(folder: &Path, kind: &str) -> Result<(PathBuf, Vec<ColmapImage>),
     Ok((file, images))
 }
 
-/// Notes on files of the other kind in a model's folder. If they contradict the model, the notes
-/// say so.
+/// Notes on files of the kind, text or binary, that was not read from a model's folder. If they contradict the model,
+/// the notes say so.
 fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
     let (read, unread, other) = match kind {
         "bin" => ("binary", "text", "txt"),

@@ -71,6 +71,7 @@ const INTRINSIC_KEYS: [&str; 18] = [
 
 /// Parses a `transforms.json`.
 ///
+/// # Errors
 /// If the text is not JSON, has no frames, or a frame has no path or a matrix that is neither 4×4 nor 3×4. A pose that
 /// is not finite or not rigid is not an error here; the frame records it.
 pub fn parse(text: &str) -> Result<Transforms, FormatError> {

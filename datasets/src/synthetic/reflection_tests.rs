@@ -1,4 +1,4 @@
-//! What mirrors and panes show, compared with worlds without them.
+//! Compares what mirrors and panes show with worlds without them.
 
 use std::sync::Arc;
 

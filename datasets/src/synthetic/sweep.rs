@@ -137,7 +137,7 @@ fn moved(camera_from_world: RigidTransform, by: DVec3) -> RigidTransform {
 /// A camera rotated to the right about its own centre, by a fraction of a full turn.
 fn turned(camera_from_world: RigidTransform, turns: f64) -> RigidTransform {
     let (c, s) = unit_circle(turns);
-    // What was ahead is now to the left.
+    // A point that was straight ahead is now to the left.
     let turn = DMat3::from_cols(DVec3::new(c, 0.0, s), DVec3::Y, DVec3::new(-s, 0.0, c));
     RigidTransform {
         rotation: turn * camera_from_world.rotation,

@@ -6,26 +6,27 @@ use sharp_datasets::DepthMap;
 
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 
-/// Minimum ratio of the variation of rendered / true to that of rendered × true, for rendered depth to count as inverse
-/// depth. For inverse depth, the product is constant.
+/// Rendered depth counts as inverse depth if the spread of log(rendered / true) exceeds this multiple of the spread of
+/// log(rendered × true). For inverse depth, the product is constant.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
-/// Factor between the depths above which another unit is suspected. Predictions of unknown scale differ by less.
+/// Factor between rendered and true depth above which another unit is suspected. Predictions of unknown scale differ by
+/// less.
 const MIN_FACTOR: f64 = 1.5;
-/// Minimum logarithm of the factor for reporting another unit, as a multiple of the spread of the logarithmic depth
-/// ratios. Prediction errors cause that spread.
+/// Another unit is reported only if the logarithm of the factor exceeds this multiple of the spread of the logarithmic
+/// depth ratios. Prediction errors cause that spread.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
-/// Minimum number of pixels with both depths for comparing them at all.
+/// Depths are compared only if at least this many pixels have both a rendered and a true depth.
 const FEWEST_PIXELS: usize = 20;
-/// Factor between the median depths above which another unit is suspected even if the ratios vary strongly from pixel to
-/// pixel.
+/// Factor between the median rendered and median true depth above which another unit is suspected even if the ratios
+/// vary strongly from pixel to pixel.
 const CERTAIN_FACTOR: f64 = 10.0;
-/// Minimum number of compared pixels for testing whether depths are ray lengths.
+/// Ray lengths are reported only if at least this many pixels were compared.
 const FEWEST_RAYS: usize = 300;
-/// Minimum spread of the logarithmic depth ratios for testing whether depths are ray lengths. In a narrow field of
+/// Ray lengths are reported only if the spread of the logarithmic depth ratios is at least this. In a narrow field of
 /// view, ray lengths hardly differ from depths.
 const MIN_SPREAD: f64 = 0.01;
-/// Maximum fraction of the spread of the logarithmic depth ratios that remains after correcting for reported ray
-/// lengths.
+/// Ray lengths are reported only if correcting for them reduces the spread of the logarithmic depth ratios to at most
+/// this fraction.
 const LEFT_BY_RAYS: f64 = 0.4;
 
 /// Warns if the rendered depth differs from the true depth by more than prediction errors explain, as if it had another
@@ -93,8 +94,9 @@ pub(super) fn depth_doubt(
     })
 }
 
-/// Warns if the rendered and the true depth differ by more than [`CERTAIN_FACTOR`], compared where both are known: a sky has
-/// Gaussians and often no true depth. `scale` is the method's setting, if it has one.
+/// Warns if the median rendered and the median true depth differ by more than [`CERTAIN_FACTOR`]. Only pixels with both
+/// depths count, because a sky has Gaussians and often no true depth. `scale` is the method's setting `scale=`, if it
+/// has one.
 pub(super) fn other_order_of_magnitude(
     truth: &DepthMap,
     seen: &DepthMap,

@@ -8,26 +8,27 @@ use sharp::render::{Background, RenderView};
 
 use crate::rendering::shared::HOLE_ALPHA;
 
-/// Minimum share of empty pixels for reporting holes.
+/// Holes are reported only if at least this share of the pixels is empty.
 pub(in crate::evaluate) const MIN_HOLES: f64 = 0.02;
-/// Minimum share of the holes' pixels that are white (or black) in the photograph for [`other_background`] to advise
-/// that colour.
+/// [`other_background`] advises white (or black) only if at least this share of the holes' pixels has that colour in
+/// the photograph.
 const MIN_PLAIN: f64 = 0.9;
 /// Side of a tile, pixels, as in gsplat.
 const TILE: f64 = 16.0;
 /// Minimum alpha at which Gaussians are blended.
 const MIN_ALPHA: f64 = 1.0 / 255.0;
-/// Maximum distance outside the picture up to which the projection is linearised, as a fraction of the picture's sides.
+/// Centres farther outside the picture than this fraction of its sides are moved to this distance before the projection
+/// is linearised.
 const MARGIN: f64 = 0.15;
 
-/// Numbers of columns and rows of the grid in which [`missing_share`] looks for empty parts.
+/// Numbers of columns and rows of the grid of parts in which [`missing_share`] looks for empty ones.
 const PARTS: (u32, u32) = (8, 6);
-/// Maximum covered share of a part that counts as empty.
+/// A part counts as empty if at most this share of it is covered.
 const MAX_COVERED: f64 = 0.02;
-/// Minimum empty share of the picture from which a part of the file may be missing.
+/// A part of the file may be missing if at least this share of the picture is empty.
 const MIN_MISSING: f64 = 0.15;
-/// Minimum share of the photograph's detail in empty parts from which a part of the file may be missing. Skies and
-/// plain backgrounds, where Gaussians may be left out on purpose, have hardly any detail.
+/// A part of the file may be missing if the empty parts contain at least this share of the photograph's detail. Skies
+/// and plain backgrounds, where Gaussians may be left out on purpose, have hardly any detail.
 const MIN_DETAIL: f64 = 0.2;
 
 /// The share of the picture that is not covered, given the rendering's `alpha`. `None` if the share is below
@@ -62,7 +63,7 @@ pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -
 }
 
 /// Advises another background if the photograph is white, or black, wherever `alpha` has holes, and the rendering's
-/// background is not.
+/// background has another colour.
 pub(super) fn other_background(
     photograph: &RgbImage,
     alpha: &[f32],

@@ -16,11 +16,12 @@ pub(in crate::evaluate) struct GaussianStore {
     kept: Option<PathBuf>,
     limit_bytes: u64,
     memory: BTreeMap<String, Timed>,
-    /// Keys of the predictions in memory, most recent last.
+    /// Keys of the predictions in memory, from oldest to newest.
     order: Vec<String>,
     spill: Option<(TempDir, BTreeSet<String>)>,
     spill_in: PathBuf,
-    /// Source of the predictions in memory. Pairs are sorted, so that all pairs of a source are consecutive.
+    /// Name of the source of all predictions in memory. Pairs are sorted, so that all pairs of a source are
+    /// consecutive.
     source: String,
 }
 
@@ -93,8 +94,8 @@ impl GaussianStore {
         Ok(Some(timed))
     }
 
-    /// Moves the oldest predictions to disk until the rest fits the limit. The latest always stays
-    /// in memory.
+    /// Moves the oldest predictions to disk until the rest fits the limit. The newest prediction always stays in
+    /// memory.
     fn shrink(&mut self) -> Result<(), FileError> {
         while self.order.len() > 1 && self.bytes() > self.limit_bytes {
             let key = self.order.remove(0);

@@ -7,26 +7,26 @@ use crate::scoring::Region;
 
 /// Size of the reduced pictures that `blur` compares, in pixels.
 const COARSE: (u32, u32) = (16, 12);
-/// Minimum share of the photograph's contrast that is missing in a blurred picture. Pictures of other views have full
-/// contrast.
+/// A picture counts as blurred if at least this share of the photograph's contrast is missing. Pictures of other views
+/// have full contrast.
 const MIN_BLUR: f64 = 0.4;
-/// Maximum width and height compared, in pixels.
+/// Maximum width and height of the compared part of a photograph, in pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// Minimum gain of a better reading, in dB. If a file was read correctly, other readings change the error by only some
-/// hundredths of a dB.
+/// Minimum gain, in dB, of settings of the file reader that count as better. If a file was read correctly, other
+/// settings reduce the error by only some hundredths of a dB.
 const MARGIN: f64 = 0.5;
 /// Minimum significant gain, as a multiple of its standard error.
 const SIGNIFICANCE: f64 = 3.0;
-/// [`SIGNIFICANCE`] for the gain after fitting brightness and contrast; lower, because it only confirms the gain
-/// without the fit.
+/// Like [`SIGNIFICANCE`], but for the gain after fitting brightness and contrast. It is lower, because this gain only
+/// confirms the gain without the fit.
 const SIGNIFICANCE_FREE: f64 = 2.0;
 /// Maximum ratio of two errors that count as about equal.
 const MAX_ABOUT_EQUAL: f64 = 1.1;
-/// Minimum share of a photograph's variance that a picture accounts for if it explains the photograph.
+/// A picture explains a photograph if it accounts for at least this share of the photograph's variance.
 const MIN_EXPLAINED: f64 = 0.5;
-/// Minimum ratio of reported contrasts of a picture and its photograph, the larger divided by the smaller.
+/// Contrasts of a picture and its photograph are reported only if the larger is at least this multiple of the smaller.
 const MIN_CONTRAST_RATIO: f64 = 1.6;
-/// Minimum gain from correcting brightness and contrast for reporting contrasts, in dB.
+/// Contrasts are reported only if correcting brightness and contrast gains at least this much, in dB.
 const MIN_CONTRAST_GAIN_DB: f64 = 6.0;
 /// Mean squared error below which pictures count as equal, in levels²; rounding and truncation to 8 bit differ by less.
 const ROUNDING: f64 = 1.0;
@@ -186,7 +186,7 @@ impl Likeness {
         Self { blocks, total }
     }
 
-    /// Merges two comparisons into one over the pixels of both.
+    /// The comparison over the pixels of both comparisons.
     pub(in crate::evaluate) fn joined(&self, other: &Self) -> Self {
         let total = [&self.total, &other.total];
         Self {

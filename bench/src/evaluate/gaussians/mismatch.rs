@@ -15,17 +15,18 @@ const WIDTHS: [f64; 9] = [1.0 / 3.0, 0.1, 0.01, 0.001, 2.0, 3.0, 10.0, 100.0, 10
 const MIN_NARROWER_GAIN_DB: f64 = 4.0;
 /// Minimum gain for reporting wider standard deviations, in dB. Correct Gaussians with holes gain less.
 const MIN_WIDER_GAIN_DB: f64 = 6.0;
-/// Minimum gain for reporting a factor that the depth suggests, in dB.
+/// Minimum gain for reporting a factor of the standard deviations that comparing depths suggests, in dB.
 const MIN_WIDTHS_GAIN_DB: f64 = 1.0;
-/// Maximum average number of widened Gaussians per pixel for trying them.
+/// Widened Gaussians are not tried if more than this number of them cover a pixel on average.
 const MAX_LAYERS: f64 = 300.0;
-/// Minimum total area of narrower Gaussians (see [`Trial::overlap`]) for trying them, as a share of the picture.
+/// Narrower Gaussians are not tried if their total area (see [`Trial::overlap`]) is below this share of the picture.
 const MIN_OVERLAP: f64 = 0.5;
 /// Minimum angle of the rotations that are tried, in degrees.
 const MIN_TURN_DEG: f64 = 3.0;
 
 impl Trial<'_> {
-    /// The comparison after multiplying standard deviations by a factor, if it is significantly better than `as_read`.
+    /// Compares with the photograph after multiplying standard deviations by a factor; `None` unless this is
+    /// significantly better than `as_read`.
     pub(in crate::evaluate) fn fit_with_widths(
         &self,
         gaussians: &Gaussians,
@@ -136,8 +137,8 @@ impl Trial<'_> {
         Ok(best)
     }
 
-    /// The comparison of Gaussians in world space, placed by the inverse of the source's pose, if it is significantly
-    /// better than `as_read`.
+    /// Compares Gaussians in world space, placed by the inverse of the source's pose, with the photograph; `None`
+    /// unless this is significantly better than `as_read`.
     pub(in crate::evaluate) fn fit_with_inverse_pose(
         &self,
         gaussians: &Gaussians,

@@ -1,4 +1,4 @@
-//! Other views of a scene as the source of Gaussians.
+//! Finds out whether Gaussians were made from, or placed in the camera of, another view than their stated source.
 
 use std::collections::BTreeSet;
 
@@ -49,8 +49,9 @@ fn views_at(
     read.filter(move |(_, photograph)| photograph.dimensions() == size)
 }
 
-/// The view, of some that are spread over the scene, in which Gaussians show their photograph best; `None` if it is the
-/// source of `own`. Gaussians that were made from several views show these best, and the source need not be one of them.
+/// Renders Gaussians into up to [`VIEWS_TRIED`] views spread over the scene, and returns the view whose photograph they
+/// reproduce best; `None` if it is the source of `own`. Gaussians that were made from several views reproduce those
+/// best, and the source need not be one of them.
 pub(super) fn best_shown(
     gaussians: &Gaussians,
     space: GaussianSpace,
@@ -82,7 +83,8 @@ pub(super) fn best_shown(
 pub(super) struct OtherView<'a> {
     view: &'a PosedCamera,
     pub(super) fit: Likeness,
-    /// True if the means are in this view's camera space but show the source; false if the Gaussians show this view.
+    /// True if the means are in this view's camera space but show what the source sees; false if the Gaussians show
+    /// this view.
     pub(super) is_frame: bool,
 }
 

@@ -27,7 +27,7 @@ pub(in crate::evaluate) enum PredictionFileError {
     Damaged(PathBuf),
 }
 
-/// Metadata of a prediction: everything except the arrays.
+/// Metadata of a prediction's file: everything except the arrays.
 #[derive(Serialize, Deserialize)]
 struct Said {
     /// Columns of the map to the source camera's space; `None` for SHARP's normalised space.
@@ -43,8 +43,8 @@ struct Said {
 }
 
 /// Writes a prediction with everything needed to render it: arrays (`colors_linear` are in the rule's blending space),
-/// space, rule, depth layer and reading. Also writes the method's extras, the time that the prediction took in seconds,
-/// and a checksum.
+/// space, rule, depth layer, and the settings with which the original file was read. Also writes the method's extras,
+/// the time that the prediction took in seconds, and a checksum.
 pub(in crate::evaluate) fn write_prediction(
     path: &Path,
     prediction: &GaussianPrediction,

@@ -17,13 +17,13 @@ use crate::rendering::pose_alignment::fit_camera;
 use crate::rendering::shared::{HOLE_ALPHA, surface_depth};
 use crate::scoring::GroundTruth;
 
-/// Maximum rotation of a fitted camera without a warning, in degrees.
+/// Fitted cameras that are rotated by more than this cause a warning, in degrees.
 const FAR_TURNED: f64 = 15.0;
-/// Maximum motion of a fitted camera without a warning, as a share of the median depth.
+/// Fitted cameras that are moved by more than this share of the median depth cause a warning.
 const FAR_MOVED: f64 = 0.25;
 
-/// The factor from predicted to true depth: the median of their ratios (the paper's eq.
-/// global_scale). The inner error is a reason without the names of file and pair.
+/// The factor from predicted to true depth: the median of their ratios (the paper's eq. global_scale). The inner error
+/// is the reason why there is no factor; it names neither file nor pair.
 ///
 /// # Errors
 /// If rendering into the source fails, which is needed for Gaussians without a depth layer.
@@ -152,7 +152,7 @@ pub(in crate::evaluate) fn render(
     Ok((picture, output))
 }
 
-/// Warns if the fit moved the camera too far to be credible.
+/// Topic and text of a warning if `align=pose` moved or rotated the camera too far to be credible.
 pub(in crate::evaluate) fn far_moved(
     picture: &PicturePrediction,
     output: &RenderOutput,

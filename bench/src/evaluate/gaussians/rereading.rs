@@ -22,43 +22,48 @@ use crate::rendering::SharedRenderer;
 use crate::rendering::shared::HOLE_ALPHA;
 use crate::scoring::Region;
 
-/// Maximum average number of Gaussians per pixel under a reading that is tried; no photograph needs more.
+/// Readings under which more Gaussians than this cover a pixel on average are not tried; no photograph needs so many.
 const MAX_LAYERS: f64 = 3000.0;
-/// Minimum gain in the source's view, in dB, for a reading to be tried in other views.
+/// Only readings that gain at least this much in the source's view, in dB, are tried in other views.
 const MIN_SOURCE_GAIN_DB: f64 = 0.25;
-/// Increase of the source's error from which another form of the stored numbers is ruled out, in dB.
+/// Another form of the stored numbers is ruled out if it increases the error in the source's view by more than this, in
+/// dB.
 const RULED_OUT_LOSS_DB: f64 = 1.0;
-/// [`RULED_OUT_LOSS_DB`] for another form of opacities. It is larger, because the stored values themselves are strong
-/// evidence of the form, and the rendering of the source hardly depends on opacities.
+/// Like [`RULED_OUT_LOSS_DB`], but for another form of opacities. It is larger, because the stored values themselves
+/// are strong evidence of the form, and the rendering of the source hardly depends on opacities.
 const RULED_OUT_LOSS_OF_OPACITY_DB: f64 = 3.0;
-/// Maximum factor by which an accepted reading multiplies the error in other views.
+/// Readings that multiply the error in other views by more than this are not accepted.
 const MAX_ERROR_ELSEWHERE: f64 = 1.1;
-/// [`MAX_ERROR_ELSEWHERE`] for what must improve other views, too: a shift, and any reading of Gaussians that were made
-/// from several views. Where none of these views saw the scene, wrong readings fill holes by chance.
+/// Like [`MAX_ERROR_ELSEWHERE`], but for changes that must improve other views, too: a shift, and any reading of
+/// Gaussians that were made from several views. Where none of these views saw the scene, wrong readings fill holes by
+/// chance.
 const MAX_ERROR_OF_IMPROVED: f64 = 0.97;
-/// Gain in the source's view, in dB and with [flattened](Trial::flat_fits) Gaussians, from which a shift is accepted
-/// even if other views do not improve. In other views of poor Gaussians, half a pixel makes hardly any difference.
+/// A shift that gains at least this much in the source's view, in dB and with [flattened](Trial::flat_fits) Gaussians,
+/// is accepted even if other views do not improve. In other views of poor Gaussians, half a pixel makes hardly any
+/// difference.
 const UNCONFIRMED_SHIFT_GAIN_DB: f64 = 1.0;
-/// Minimum gain of a preferred form of colours, in dB. Forms of colours may differ merely in brightness and contrast.
+/// Another form of colours is preferred only if it gains at least this, in dB: forms of colours may differ merely in
+/// brightness and contrast.
 const MIN_RECOLORED_GAIN_DB: f64 = 6.0;
-/// [`MIN_RECOLORED_GAIN_DB`] for a form under which fitting brightness and contrast gains nothing more.
+/// Like [`MIN_RECOLORED_GAIN_DB`], but for a form of colours whose rendering does not improve further when brightness
+/// and contrast are fitted.
 const MIN_EXACT_RECOLORED_GAIN_DB: f64 = 2.0;
-/// Relative change of the focal length below which the change is small. Small changes must gain more, because a slight
+/// Changes of the focal length by less than this fraction are small. Small changes must gain more, because a slight
 /// enlargement may improve the fit of misshapen Gaussians by chance.
 const SMALL_ZOOM: f64 = 0.05;
 /// Minimum gain of a small change of the focal length, in dB. The rendering must also have no holes, because enlarging
 /// narrows them.
 const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
-/// Minimum extent of Gaussians that are spread over the photograph, as a share of its sides.
+/// Spreading Gaussians over the photograph is tried only if they extend over more than this share of its sides.
 const MIN_EXTENT: f64 = 0.1;
-/// Minimum factor by which spreading over the photograph enlarges the Gaussians' width or height.
+/// Spreading Gaussians over the photograph is tried only if it enlarges their width or height by at least this factor.
 const MIN_ENLARGEMENT: f64 = 1.3;
 /// Average number of Gaussians per pixel above which standard deviations may be base-10 logarithms.
 const WIDE_LAYERS: f64 = 500.0;
-/// Minimum share of a view that Gaussians cover for the view to count as wholly shown.
+/// A view counts as wholly shown if Gaussians cover at least this share of it.
 const MIN_WHOLE_COVERAGE: f64 = 0.7;
-/// Minimum area of the Gaussians under another order of quaternions, relative to the area as read. Wrong orders reduce
-/// the area, because most Gaussians lie on surfaces that face the camera.
+/// Another order of quaternions is accepted only if the area of the Gaussians is at least this fraction of the area as
+/// read. Wrong orders reduce the area, because most Gaussians lie on surfaces that face the camera.
 pub(super) const MIN_FACING_AREA: f64 = 0.97;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
@@ -86,7 +91,7 @@ fn general(rule: Rule) -> Rule {
 }
 
 impl Trial<'_> {
-    /// This trial with the rule of `reading`; unchanged if `reading` sets none.
+    /// This trial with the rendering rule of `reading`; unchanged if `reading` sets no rule.
     fn under(&self, reading: &FileReading) -> Self {
         Self {
             rule: reading.rule.or(self.rule),
@@ -116,8 +121,8 @@ impl Trial<'_> {
         [k.cx - x, k.cy - y]
     }
 
-    /// The rule, changed to use the camera's principal point. `None` if it already does, or if the point is within a
-    /// pixel of the picture's centre.
+    /// The rendering rule, changed to use the camera's principal point. `None` if it uses the point already, or if the
+    /// point is within a pixel of the picture's centre.
     fn general_rule(&self) -> Option<Rule> {
         let is_off = self
             .ignored_offset()
@@ -298,8 +303,9 @@ impl Trial<'_> {
         Ok(Some(output))
     }
 
-    /// Whether the form of the stored numbers in `other` remains possible. True if `other` fits this part better than
-    /// `reading`, or if `reading` does not explain the part and `other` fits only slightly worse.
+    /// Whether the stored numbers may have the form that `other` states. True if `other` fits this part of the
+    /// photograph better than `reading`, or if `reading` does not explain the part and `other` fits only slightly
+    /// worse.
     pub(in crate::evaluate) fn allows(
         &self,
         other: &FileReading,
@@ -324,10 +330,10 @@ impl Trial<'_> {
     }
 
     /// The best reading that explains the photograph significantly better than `as_read`, either in this part alone or
-    /// together with `neighbours` (other views of the scene). It must not worsen the neighbours. Several such readings
-    /// are ranked by the gain over part and neighbours, because wrongly rotated Gaussians may cover their own source
-    /// better than correct ones. `moves` are the shifts and zooms that align the rendering. `is_lost` states that the
-    /// rendering shows nothing, so that all axes are tried.
+    /// together with `neighbours` (other views of the scene), and that does not increase the error in the neighbours.
+    /// Several such readings are ranked by the gain over part and neighbours, because wrongly rotated Gaussians may
+    /// cover their own source better than correct ones. `moves` are the shifts and zooms that align the rendering.
+    /// `is_lost` states that the rendering shows nothing, so that all axes are tried.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
@@ -363,7 +369,7 @@ impl Trial<'_> {
             };
             let general_rule = self.under(before).general_rule();
             for placement in placements(before.placement, moves, is_lost) {
-                // A shift to the principal point that the rule ignores is due to the rule, not to the file.
+                // If the rule ignores the principal point, a shift to that point is due to the rule, not to the file.
                 let moved = [0, 1].map(|axis| placement.shift[axis] - before.placement.shift[axis]);
                 if general_rule.is_some() && self.is_ignored_offset(moved) {
                     continue;
@@ -504,8 +510,9 @@ impl Trial<'_> {
         Ok(best)
     }
 
-    /// Whether `other` Gaussians may be right where the `gaussians` are wrong: unless they were made from several views, or
-    /// if the views in `elsewhere` improve, too.
+    /// Whether other views allow replacing the `gaussians` by the `other` ones. If the Gaussians were made from several
+    /// views, the error in the views `elsewhere` must decrease, too; otherwise, or if there are no such views, always
+    /// true.
     pub(super) fn is_borne_out(
         &self,
         [gaussians, other]: [&Gaussians; 2],
@@ -543,7 +550,7 @@ impl Trial<'_> {
 
 pub(in crate::evaluate) struct Seen {
     pub(in crate::evaluate) members: Vec<usize>,
-    /// Average number of Gaussians per pixel.
+    /// Average number of Gaussians that cover a pixel.
     pub(in crate::evaluate) layers: f64,
 }
 

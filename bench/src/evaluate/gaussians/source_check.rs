@@ -36,28 +36,31 @@ use crate::rendering::SharedRenderer;
 use crate::rendering::shared::surface_depth;
 use crate::scoring::Region;
 
-/// Extra with the PSNR between the source's photograph and its rendering, dB; at most 100, so that it is finite.
+/// Name of the recorded PSNR between the source's photograph and its rendering, in dB; at most 100, so that it is
+/// finite.
 pub const SOURCE_PSNR: &str = "source_psnr";
-/// Extra with the median depth of the source's rendering, in metres.
+/// Name of the recorded median depth of the source's rendering, in metres.
 pub const SOURCE_DEPTH: &str = "source_depth_m";
 
-/// Extra for a blurred rendering of the source: the share of the photograph's contrast that is missing, 0..1.
+/// Name of the value recorded for a blurred rendering of the source: the share of the photograph's contrast that is
+/// missing, 0..1.
 pub const SOURCE_BLUR: &str = "source_blur";
 
-/// Minimum share of valid pixels in a photograph for trying other readings.
+/// Other readings of the file are tried only if at least this share of the photograph's pixels is valid.
 const MIN_VALID: f64 = 0.95;
-/// PSNR of the source's rendering from which no other reading is tried, in dB.
+/// Other readings of the file are not tried if the source's rendering has at least this PSNR, in dB.
 const RIGHT_DB: f64 = 38.0;
-/// Gain below which a setting may only compensate for wrong standard deviations, in dB.
+/// A setting that gains less than this, in dB, may only compensate for wrong standard deviations.
 const WEAK_DB: f64 = 3.0;
 /// Range of the contrast, relative to the photograph, if colour coefficients were multiplied by the constant harmonic
 /// (0.282) instead of divided by it. This changes contrast by a factor of 0.282² = 0.08.
 const SQUARED_CONSTANT: RangeInclusive<f64> = 0.06..=0.1;
-/// Minimum number of a photograph's pixels for trying other readings; smaller ones do not show a Gaussian's shape.
+/// Other readings of the file are tried only if the photograph has at least this many pixels; smaller photographs do
+/// not show a Gaussian's shape.
 const FEWEST_PIXELS: usize = 1200;
-/// Fraction of the covered area that remains if the photograph is shifted by half a pixel, below which the Gaussians
-/// are narrower than a pixel and lie at the pixels' centres. There, a rendering shows neither their shape nor their
-/// size, so the shifted photograph is compared instead.
+/// If less than this fraction of the covered area remains when the photograph is shifted by half a pixel, the Gaussians
+/// are narrower than a pixel and lie at the pixels' centres. A rendering at these centres shows neither their shape nor
+/// their size, so the shifted photograph is compared instead.
 const MIN_COVERED_BETWEEN: f64 = 0.9;
 /// Average number of Gaussians per pixel beyond which rendering takes minutes. Photographs need tens or hundreds per
 /// pixel.
@@ -74,7 +77,7 @@ pub(in crate::evaluate) struct CheckedSource<'a> {
     /// True depth, if available; `None` also for a method whose Gaussians are scaled to it.
     pub(in crate::evaluate) depth: Option<&'a DepthMap>,
     pub(in crate::evaluate) scene: &'a Scene,
-    /// Whether other readings are tried for this source.
+    /// Whether other settings of the file reader are tried for this source.
     pub(in crate::evaluate) is_chosen: bool,
     /// Whether the Gaussians were made from several views of the scene.
     pub(in crate::evaluate) of_several_views: bool,
@@ -101,9 +104,9 @@ struct SeenSource {
 }
 
 /// Renders a prediction into its own source and measures [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`]. For
-/// chosen sources, also tries other readings of the file and warns if one matches better; for Gaussians in world space
-/// that were made from several views, in the view that they show best. Drops the prediction's own warnings about a setting
-/// if the rendering contradicts them.
+/// chosen sources, also tries other readings of the file and warns if one matches better. Gaussians in world space that
+/// were made from several views are examined in the view that they reproduce best. Drops the prediction's own warnings
+/// about a setting if the rendering contradicts them.
 ///
 /// # Errors
 /// If rendering fails.
@@ -265,9 +268,8 @@ fn shuffled(prediction: &GaussianPrediction) -> GaussianPrediction {
     }
 }
 
-/// Names (`dataset/scene/source`) of the sources for which other readings are tried: the first,
-/// middle and last of each dataset. `pairs` must be all pairs of the plan, so that all shards
-/// choose the same sources.
+/// Names (`dataset/scene/source`) of the sources for which other settings of the file reader are tried: the first,
+/// middle and last of each dataset. `pairs` must be all pairs of the plan, so that all shards choose the same sources.
 pub(in crate::evaluate) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeSet<String> {
     let mut sources: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for ResolvedPair { pair, scene, .. } in pairs {
@@ -281,7 +283,7 @@ pub(in crate::evaluate) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeS
     chosen.collect()
 }
 
-/// A warning that rendering will take very long.
+/// Topic and text of a warning if rendering will take very long.
 pub(in crate::evaluate) fn absurd_coverage(
     prediction: &GaussianPrediction,
     source: &PosedCamera,
@@ -329,18 +331,19 @@ pub(in crate::evaluate) fn absurd_coverage(
     Some(("coverage".to_owned(), text))
 }
 
-/// Comparisons of Gaussians with photographs, under their own reading and under others.
+/// Comparisons of Gaussians with photographs, as their file was read and under other settings of the file reader.
 struct Findings<'a> {
     /// Start of each sentence: how well the Gaussians, as read, reproduce the photograph.
     shown: String,
     as_read: Likeness,
-    /// Like `as_read`, but rendered only in the compared part, as all other readings are.
+    /// Like `as_read`, but only the compared part was rendered, as for all other readings.
     compared: Likeness,
     better: Option<(FileReading, Likeness)>,
     other: Option<OtherView<'a>>,
     /// Rotation of the quaternions, in degrees, that matches significantly better, and the comparison after it.
     turned: Option<(f64, Likeness)>,
-    /// Comparison under the inverse of the source's pose, if it is significantly better.
+    /// Comparison of the Gaussians placed by the inverse of the source's pose, if it is significantly better than
+    /// `as_read`.
     inverse: Option<Likeness>,
     missing: Option<f64>,
     holes: f64,
@@ -439,7 +442,7 @@ impl<'a> Findings<'a> {
         known.all(|known| fit.error() < known.error())
     }
 
-    /// Topic and text of a warning that another reading or view matches significantly better, or that nothing matches.
+    /// Topic and text of a warning if another reading or view matches significantly better, or if nothing matches.
     fn cause(
         &self,
         prediction: &GaussianPrediction,
@@ -525,7 +528,7 @@ impl<'a> Findings<'a> {
             _ if self.is_lost => (
                 "unrelated",
                 format!(
-                    "{shown}, so the photograph is hardly recognisable; no other reading that was tried is better"
+                    "{shown}, so the photograph is hardly recognisable; no other setting that was tried is better"
                 ),
             ),
             // Holes also lower the contrast.
@@ -617,7 +620,7 @@ fn add_doubts(
         warnings.retain(|topic, _| !topic.starts_with("scales=") || *topic == fits);
     }
     warnings.extend(found.cause(prediction, reading));
-    // If means are in another view's camera space, their depths do not suggest another unit.
+    // If means are in another view's camera space, their depths say nothing about the unit.
     let is_placed_elsewhere = found.other.as_ref().is_some_and(|other| other.is_frame);
     if found.better.is_some() || is_placed_elsewhere {
         warnings.remove("scale");

@@ -10,34 +10,36 @@ use super::group::{Extent, PictureGroup, scene_of};
 use super::sample::FEWEST;
 use crate::evaluate::record::Record;
 
-/// Minimum number of a dataset's pictures that have a change for the change to be reported.
+/// A change is reported only if at least this many of a dataset's pictures have it.
 const MIN_CHANGED: usize = 3;
-/// Minimum share of a dataset's pictures that have a change for the change to be reported.
+/// A change is reported only if at least this share of a dataset's pictures have it.
 const MIN_SHARE: f64 = 0.8;
-/// [`MIN_SHARE`] for crops, padding and the limited range of video: unaltered pictures are rarely taken for these.
+/// Like [`MIN_SHARE`], but for crops, padding and the limited range of video: unaltered pictures are rarely taken for
+/// these.
 const MIN_SHARE_DISTINCTIVE: f64 = 0.5;
-/// [`MIN_SHARE`] for stretched levels, because stretching hardly changes pictures whose photograph contains black and
-/// white.
+/// Like [`MIN_SHARE`], but for stretched levels. It is lower, because stretching hardly changes pictures whose
+/// photograph contains black and white.
 const MIN_SHARE_STRETCHED: f64 = 0.25;
-/// [`MIN_SHARE`] for changes that are [visible](PictureChange::is_visible).
+/// Like [`MIN_SHARE`], but for changes that are [visible](PictureChange::is_visible).
 const MIN_SHARE_VISIBLE: f64 = 0.1;
-/// Minimum number of pictures with a [clear](PictureChange::is_clear) change for naming them. They are named even if
-/// they are too few for a finding on the dataset.
+/// Pictures with a [clear](PictureChange::is_clear) change are named if there are at least this many, even if they are
+/// too few for a finding on the dataset.
 const MIN_NAMED: usize = 2;
-/// Minimum share of a dataset's pictures with a clear change for naming them.
+/// Pictures with a clear change are named only if they are at least this share of a dataset's pictures.
 const MIN_SHARE_NAMED: f64 = 0.02;
-/// Minimum number of targets of equal pictures for a report, because two targets may have the same source and motion.
+/// Equal pictures are reported only if they have at least this many different targets, because two targets may have the
+/// same source and motion.
 const MIN_REPEATED: usize = 3;
-/// Maximum difference in thickness of strips that count as equal, in thousandths of the height.
+/// Strips count as equally thick if their thickness differs by at most this, in thousandths of the height.
 const MAX_UNEVEN: f64 = 8.0;
 /// Like [`MAX_UNEVEN`], but as a share of the thickness; the larger limit applies.
 const MAX_UNEVEN_SHARE: f64 = 0.1;
-/// Minimum difference of gains, in percent, for pictures to count as stretched one by one. Equal gains rather indicate
-/// another exposure.
+/// Pictures count as stretched one by one if their gains differ by at least this, in percentage points. Equal gains
+/// rather indicate another exposure.
 const MIN_SPREAD: i16 = 5;
 
-/// The sentences of [`agreed_changes`], without crops and padding if a wrong camera explains them, and without copies of
-/// the source if most compared pictures are such copies, which is reported elsewhere.
+/// The sentences of [`agreed_changes`]. Leaves out crops and padding if a wrong camera explains them. Also leaves out
+/// copies of the source if most compared pictures are copies, because that is reported elsewhere.
 pub(crate) fn changed_pictures(group: &PictureGroup<'_, &Record>) -> Vec<String> {
     let is_reframed = is_reframed(group);
     let shown = group.pictures.iter().filter_map(|record| record.shows);
@@ -204,8 +206,8 @@ fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> Str
     listed(names.iter().map(String::as_str).collect())
 }
 
-/// Warns if several targets have the same predicted file, unless that is the source's photograph, which is reported
-/// elsewhere.
+/// Warns if several targets have the same predicted file, unless that file is the source's photograph, which is
+/// reported elsewhere.
 pub(crate) fn repeated_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let records = || group.pictures.iter();
     if records().any(|record| record.shows == Some(ShownTarget::Source)) {

@@ -8,7 +8,7 @@ use super::sample::FEWEST;
 use super::shift::{far_shifted_pictures, shifted_pictures};
 use crate::evaluate::record::Record;
 
-/// Among the pictures with a measured camera, the minimum share that agree on a reported wrong camera.
+/// A wrong camera is reported only if at least this share of the pictures with a measured camera agree on it.
 const MIN_SHARE: f64 = 0.8;
 
 /// The cameras measured in a group's pictures.
@@ -28,12 +28,13 @@ fn cameras(group: &PictureGroup<'_, &Record>) -> Vec<ShownCamera> {
 fn wrong_camera_of(group: &PictureGroup<'_, &Record>) -> Option<(ShownCamera, usize, usize)> {
     let mut cameras = cameras(group);
     let resized = group.pictures.iter().filter(|r| is_resized(r.change));
-    // Pictures that were cropped or padded and then resized are already reported.
+    // Pictures that were cropped or padded and then resized are reported as such.
     if resized.count() as f64 >= MIN_SHARE * group.pictures.len() as f64 {
         cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
     }
     wrong_camera(cameras.clone(), group.extent).or_else(|| {
-        // Pictures from a wrong camera far from its target resemble framings, a different one in each picture.
+        // If a wrong camera is far from the target, its pictures resemble other framings, a different one in each
+        // picture.
         cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
         let found = wrong_camera(cameras, group.extent);
         // Poor depth can also cause other motions and framings, so another motion is no evidence here.
@@ -104,7 +105,7 @@ pub(crate) fn misplaced(
         ));
     }
     let views = count(&[Source, SourceView]);
-    // Far too large depths also give the source's view, so a scene needs more evidence.
+    // Depths that are far too large also give the source's view, so a scene needs more evidence.
     if is_most(views) && views as f64 >= extent.share(0.5) * all as f64 {
         return Some(format!(
             "its pictures show {} rather than the target's ({views} of the {all} compared in {pairs} are significantly \
@@ -113,7 +114,8 @@ pub(crate) fn misplaced(
             SourceView.text()
         ));
     }
-    // Where the view beside the target is the source, a shifted picture looks like a copy of the source.
+    // If the source is next to the target in the scene, a picture that is named one frame off looks like a copy of the
+    // source.
     let all = all - views;
     let is_most = |count: usize| count >= extent.fewest(FEWEST) && 2 * count > all;
     let shifts = [Previous, Next, ViewBefore, ViewAfter].map(|place| (place, count(&[place])));

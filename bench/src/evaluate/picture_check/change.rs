@@ -25,39 +25,41 @@ use crate::evaluate::gaussians::likeness::Likeness;
 use crate::evaluate::record::Record;
 use crate::scoring::Region;
 
-/// Minimum share of white (or black) pixels in a photograph whose background counts as white (or black).
+/// A photograph's background counts as white (or black) if at least this share of its pixels is white (or black).
 const MIN_BACKGROUND: f64 = 0.15;
-/// Minimum share of the background's pixels that have the opposite colour in a picture with another background.
+/// A picture has another background if at least this share of the background's pixels has the opposite colour.
 const MIN_OTHER: f64 = 0.7;
 /// Maximum width compared, in pixels.
 const WIDTH: u32 = 160;
-/// Minimum gain from undoing a mirroring, rotation or rearrangement that is reported, in dB.
+/// A mirroring, rotation or rearrangement is reported only if undoing it gains at least this, in dB.
 pub(super) const MIN_GAIN: f64 = 1.0;
-/// [`MIN_GAIN`] for swapped channels, which hardly change brightness, in dB.
+/// Like [`MIN_GAIN`], but for swapped channels, which hardly change brightness, in dB.
 const MIN_GAIN_OF_CHANNELS: f64 = 0.25;
-/// [`MIN_GAIN`] for another transfer function, in dB. If linear light was stored as sRGB, undoing it gains far more;
-/// undoing a wrong exposure gains less.
+/// Like [`MIN_GAIN`], but for another transfer function, in dB. If linear light was stored as sRGB, undoing it gains
+/// far more; undoing a wrong exposure gains less.
 const MIN_GAIN_OF_TRANSFER: f64 = 3.0;
-/// Gain on the sorted levels, in dB, from which another transfer function is reported even if changes of brightness and
-/// contrast fit about as well. Poor predictions gain less, because their levels are not those of the photograph.
+/// Another transfer function is reported even if changes of brightness and contrast fit about as well, provided that
+/// undoing it brings the sorted levels closer by at least this, in dB. Poor predictions gain less, because their levels
+/// are not those of the photograph.
 const MIN_GAIN_BY_RANK: f64 = 8.0;
-/// [`MIN_GAIN`] for another range of levels, in dB, because other exposures resemble other ranges.
+/// Like [`MIN_GAIN`], but for another range of levels, in dB. It is higher, because other exposures resemble other
+/// ranges.
 const MIN_GAIN_OF_RANGE: f64 = 1.5;
-/// PSNR below which other colour spaces and rearrangements are tried, in dB. The limit saves time. Pictures stored in
-/// another colour space have 8 to 13 dB, rearranged ones 13 to 17.
+/// Other colour spaces and rearrangements are tried only on pictures with a PSNR below this, in dB. The limit saves
+/// time. Pictures stored in another colour space have 8 to 13 dB, rearranged ones 13 to 17.
 pub(super) const MAX_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end of the range, because JPEG and resampling cause ringing there.
 const BEYOND_ENDS: f64 = 0.002;
-/// Correlation with the photograph below which a picture is a negative. If the correlation of red minus blue is below
-/// it, red and blue are swapped. Poor predictions have 0.4 to 0.8, and a tint does not matter.
+/// A picture whose correlation with the photograph is below this is a negative. If the correlation of red minus blue is
+/// below this, red and blue are swapped. Poor predictions have 0.4 to 0.8, and a tint does not matter.
 const MAX_OPPOSED_CORRELATION: f64 = -0.4;
-/// [`MAX_OPPOSED_CORRELATION`] of the differences between channels if all three channels are moved. This turns hues by
-/// a third of the circle, whose cosine is −0.5, so the correlation is half of that after a swap.
+/// Like [`MAX_OPPOSED_CORRELATION`], but for the differences between channels if all three channels are moved. This
+/// turns hues by a third of the circle, whose cosine is −0.5, so the correlation is half as strong as after a swap.
 const MAX_TURNED_CORRELATION: f64 = MAX_OPPOSED_CORRELATION / 2.0;
-/// Minimum share of the photograph's variance that a picture explains once a reported change is undone. Poor
-/// predictions reach a quarter.
+/// A change is reported only if, once it is undone, the picture explains at least this share of the photograph's
+/// variance. Poor predictions reach a quarter.
 pub(super) const MIN_EXPLAINED: f64 = 0.2;
-/// Correlation below which a picture has little in common with a photograph.
+/// A picture has little in common with a photograph if their correlation is below this.
 pub(super) const UNLIKE: f64 = 0.15;
 
 /// Orders of stored channels: for each, which stored channel is red, which green, and which blue.
@@ -71,9 +73,9 @@ const PERMUTATIONS: [(PictureChange, [usize; 3]); 5] = [
 
 /// Number of colours of a palette.
 const PALETTE: usize = 256;
-/// Number of colours below which a picture is nearly uniform rather than stored with a palette.
+/// A picture with fewer colours than this is nearly uniform rather than stored with a palette.
 const FEWEST_OF_PALETTE: usize = 16;
-/// Number of colours beyond which a picture with a palette cannot show a photograph well.
+/// A picture with a palette cannot show a photograph well that has more colours than this.
 const MIN_COLOURS: usize = 16 * PALETTE;
 
 /// A colour space, its conversion to RGB, and the stored position of each of its channels. Positions are reversed if
@@ -96,9 +98,9 @@ pub(crate) fn is_checked(kind: &str) -> bool {
     ["imported", "command"].contains(&kind)
 }
 
-/// Sets [`Record::change`] if undoing a change brings the picture significantly closer to the photograph, or to the
-/// part of the photograph that the picture covers, or if it is a copy of the source's photograph, which `source` reads,
-/// shrunk.
+/// Sets [`Record::change`] if undoing a change brings the picture significantly closer to the part of the photograph
+/// that it covers, or if the picture is a copy of the source's photograph. `source` reads the source's photograph and
+/// shrinks it.
 pub(crate) fn note_change(
     record: &mut Record,
     photograph: &RgbImage,
@@ -279,7 +281,8 @@ fn undone_change(
             fit.filter(|fit| fit.is_nearer_than_exposed(&as_read)),
         )
     });
-    // The differences between the channels are opposed before a reordering is undone, and alike after.
+    // Before a reordering is undone, the differences between the channels are opposed to those of the photograph;
+    // afterwards, they are alike.
     let recoloured = |undone: &RgbImage, order: [usize; 3]| {
         let tint = |of: &RgbImage| {
             let difference = |color: [u8; 3], c: usize| 128 - color[order[c]] / 2 + color[c] / 2;

@@ -5,27 +5,27 @@ use sharp::color::{linear_from_srgb, srgb_from_linear};
 
 /// Levels outside this range may be clipped.
 const UNCLIPPED: std::ops::RangeInclusive<u8> = 12..=247;
-/// Maximum squared error that remains if a curve explains the levels, as a fraction of the error without it.
+/// A curve explains the levels if it reduces the squared error to at most this fraction.
 const MAX_EXPLAINED_ERROR: f64 = 0.25;
-/// Maximum squared error of a curve with more parameters, as a fraction of the simpler curve's, for preferring it.
+/// A curve with more parameters is preferred if its squared error is below this fraction of the simpler curve's.
 const MAX_BETTER_ERROR: f64 = 0.6;
 /// A cubic curve is reported only if its squared error is at most this fraction of the best line's, or if it raises
 /// contrast at least by [`MIN_RAISED_CONTRAST`]. Methods that blur or hedge never raise contrast.
 const MAX_CUBIC_ERROR: f64 = 0.35;
 const MIN_RAISED_CONTRAST: f64 = 1.15;
-/// Maximum root mean square difference that a cubic curve leaves, in levels. Poor predictions with holes differ by more
-/// from any curve.
+/// A cubic curve is reported only if it leaves a root mean square difference of at most this, in levels. Poor
+/// predictions with holes differ by more from any curve.
 const MAX_OFF_CUBIC: f64 = 5.0;
-/// Minimum mean difference of the levels for a curve that changes contrast, as a fraction of their root mean square
-/// difference. Not required if the curve explains the levels clearly better than a mere loss of contrast.
+/// A curve that changes contrast is reported only if the mean difference of the levels is at least this fraction of
+/// their root mean square difference, or if the curve explains the levels clearly better than a mere loss of contrast.
 const MIN_MEAN_SHARE: f64 = 0.7;
-/// Gains are a white balance if those of two channels differ at least by this factor.
+/// Gains count as a white balance if the gains of two channels differ at least by this factor.
 const MIN_BALANCE: f64 = 1.06;
 
 /// A curve from a photograph's levels, 0..1, to a picture's.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Curve {
-    /// A power, multiplied by a factor per channel.
+    /// The level to the power of `gamma`, multiplied by a factor per channel.
     Power { gains: [f64; 3], gamma: f64 },
     /// Linear light is multiplied by a factor.
     Exposure(f64),
@@ -65,7 +65,8 @@ impl Curve {
         }
     }
 
-    /// The cubic polynomial that fits the pairs best by least squares; `None` if it falls anywhere.
+    /// The cubic polynomial that fits the pairs best by least squares; `None` if it decreases within the range of the
+    /// photograph's levels.
     fn cubic(pairs: &[LevelPair]) -> Option<Self> {
         let (mut normal, mut sums) = (DMat4::from_diagonal(DVec4::splat(1e-9)), DVec4::ZERO);
         for (_, from, to) in pairs {
@@ -82,7 +83,7 @@ impl Curve {
         levels.is_sorted().then_some(curve)
     }
 
-    /// Completes the sentence "its pictures".
+    /// The rest of a sentence that begins with "its pictures".
     pub(super) fn text(self) -> String {
         let ([red, green, blue], gamma) = match self {
             Self::Power { gains, gamma } => (gains, gamma),
@@ -175,7 +176,8 @@ fn line(pairs: &[LevelPair]) -> (f64, f64) {
     (slope, y - slope * x)
 }
 
-/// The curve with the fewest parameters that explains the pairs of levels; `None` if no curve does.
+/// The curve with the fewest parameters that explains the pairs of levels; `None` if no curve does, or if the root mean
+/// square difference of the levels is below `min_off`, in levels.
 pub(super) fn explaining(pairs: &[LevelPair], min_off: f64) -> Option<Curve> {
     let logarithms = pairs
         .iter()

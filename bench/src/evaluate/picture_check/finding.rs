@@ -55,7 +55,7 @@ worded! {
         LimitedRange =
             "have the limited range of video, 16 to 235, but were read as 0 to 255; store them with the full range",
         Negative = "are negatives",
-        /// Where the photograph is white, the picture is black, or the other way round; the rest is alike.
+        /// Where the photograph is white, the picture is black, or vice versa; all other parts are alike.
         OtherBackground =
             "have a black background where the photographs' is white, or a white one where it is black; render them \
              with the photographs' background",
@@ -88,8 +88,8 @@ worded! {
             "have width and height exchanged by reshaping (W, H) to (H, W); transpose the axes instead of reshaping",
         /// The content is moved by quarters of the size; what leaves at one side enters at the opposite one.
         Rolled =
-            "are rolled by a quarter, a half or three quarters of their width or height, and around their sides, as by \
-             `fftshift` or `roll`; undo it before storing them",
+            "are rolled by a quarter, a half or three quarters of their width or height, so that what leaves at one \
+             side enters at the opposite one, as by `fftshift` or `roll`; undo it before storing them",
         /// The patches lie column by column instead of row by row, or the other way round.
         PatchOrder =
             "have their patches or tiles in another order, column by column instead of row by row or the other way round; \
@@ -337,7 +337,7 @@ impl ShownCamera {
 
 /// Maximum difference of multiples of the motion ([`ShownCamera::Moved`]) that count as alike, in percentage points.
 const MAX_UNEVEN: f64 = 8.0;
-/// [`MAX_UNEVEN`] as a share of the multiple; the larger of the two counts.
+/// Like [`MAX_UNEVEN`], but as a share of the multiple; the larger limit applies.
 const MAX_UNEVEN_SHARE: f64 = 0.12;
 
 /// How a picture frames its target, compared with its photograph.

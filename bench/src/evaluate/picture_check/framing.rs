@@ -24,11 +24,11 @@ const REACH: f64 = 0.15;
 const REFINED_REACH: i32 = 2;
 /// Minimum correlation at the place where a block is found.
 const MIN_CORRELATION: f64 = 0.7;
-/// Minimum excess of a found block's correlation over the correlations at other places.
+/// A block is found only if its correlation exceeds the correlations at other places by at least this.
 const MIN_DISTINCTION: f64 = 0.05;
-/// Minimum number of found blocks for measuring a framing.
+/// A framing is measured only if at least this many blocks are found.
 const MIN_FOUND: usize = 12;
-/// Minimum share of the blocks that are found for measuring a framing.
+/// A framing is measured only if at least this share of the blocks is found.
 const MIN_FOUND_SHARE: f64 = 0.15;
 /// Number of steps of a fit by reweighted least squares.
 const STEPS: usize = 12;
@@ -36,14 +36,14 @@ const STEPS: usize = 12;
 const PRIOR: f64 = 0.05;
 /// Maximum residual of a block that agrees with a fit, in pixels.
 const MAX_OFF_FIT: f64 = 1.0;
-/// Minimum share of the blocks that agree with an accepted fit.
+/// A fit is accepted only if at least this share of the blocks agree with it.
 const MIN_AGREEING: f64 = 0.6;
 /// Conditions for accepting a fit: the minimum decrease of the mean distance from the epipolar lines, in pixels, and
-/// the maximum of what remains, as a fraction of the distance without the fit.
+/// the maximum remaining distance, as a fraction of the distance without the fit.
 const GAIN: (f64, f64) = (0.3, 0.5);
-/// [`GAIN`] for a lens's distortion, which hardly moves the middle of the picture.
+/// Like [`GAIN`], but for a lens's distortion, which hardly moves the middle of the picture.
 const GAIN_OF_LENS: (f64, f64) = (0.1, 0.6);
-/// Minimum difference of a zoom from 1 for undoing the zoom and searching the blocks again.
+/// If a measured zoom differs from 1 by at least this, it is undone and the blocks are searched again.
 const MIN_RESAMPLED_ZOOM: f64 = 0.01;
 /// Maximum number of searches with a zoom undone.
 const MAX_RESAMPLINGS: usize = 4;
@@ -52,7 +52,7 @@ const PRESETS: [f64; 6] = [0.75, 0.8, 0.87, 1.15, 1.25, 1.33];
 /// Distances from the epipolar lines are limited to this, in pixels, so that outliers do not dominate.
 const MAX_DISTANCE: f64 = 3.0;
 
-/// Where the blocks of a target are in a picture of it.
+/// The places in a picture at which the blocks of its target are found.
 pub(super) struct DisplacedBlocks<'a> {
     view: FramedTarget<'a>,
     shown: &'a RgbImage,
@@ -61,7 +61,7 @@ pub(super) struct DisplacedBlocks<'a> {
 
 impl<'a> DisplacedBlocks<'a> {
     /// Finds the target's blocks in the picture `shown`. Both are shrunk to the same size. `intrinsics` are the
-    /// target's at full size. `translation` is that of the pose from the source's camera to the target's.
+    /// target's at full size. `translation` belongs to the pose that maps the source's camera to the target's.
     pub(super) fn of(
         intrinsics: Intrinsics,
         translation: DVec3,
@@ -137,7 +137,8 @@ impl<'a> DisplacedBlocks<'a> {
             best = again;
         }
         let fit = best.fit.filter(|fit| view.agrees(&best.lines, *fit))?;
-        // Displacements were measured in the resampled picture; multiply by the zoom for those in the picture itself.
+        // Displacements were measured in the resampled picture; multiplying by the zoom gives the displacements in the
+        // picture itself.
         let fit = DVec4::new(fit.x + view.half, fit.y, fit.z, fit.w) * best.zoom;
         view.framing(fit - DVec4::X * view.half)
     }
@@ -256,7 +257,7 @@ impl FramedTarget<'_> {
             .filter(|(ratio, _)| ratio.is_finite())
             .collect();
         ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // Least absolute deviation: the weighted median.
+        // The weighted median has the least absolute deviation.
         let half = ratios.iter().map(|(_, weight)| weight).sum::<f64>() / 2.0;
         let mut sum = 0.0;
         let (k1, _) = ratios.into_iter().find(|(_, weight)| {

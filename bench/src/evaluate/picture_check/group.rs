@@ -1,11 +1,11 @@
-//! Groups of pictures that are examined together: those of a dataset and those of one of its scenes.
+//! Groups of pictures that are examined together: all pictures of a dataset, or of one of its scenes.
 
 use std::collections::BTreeMap;
 
 /// Minimum number of pictures in a scene that is examined separately.
 const FEWEST_IN_SCENE: usize = 4;
-/// Minimum share of a scene's pictures with a finding for a report. It is high, because poor predictions of one scene
-/// often have the same errors.
+/// A finding on a scene is reported only if at least this share of its pictures have it. The share is high, because
+/// poor predictions of one scene often have the same errors.
 const MIN_SHARE_IN_SCENE: f64 = 0.8;
 
 /// Whether a group is a dataset or one of its scenes. A finding on a scene needs more evidence.
@@ -16,7 +16,7 @@ pub(crate) enum Extent {
 }
 
 impl Extent {
-    /// How many pictures must have a finding, given the number for datasets.
+    /// The number of pictures of the group that must have a finding, given the number for datasets.
     pub(super) fn fewest(self, of_dataset: usize) -> usize {
         match self {
             Self::Dataset => of_dataset,
@@ -42,7 +42,7 @@ pub(crate) struct PictureGroup<'a, T> {
 }
 
 /// Applies `check` to all pictures of a dataset and, if this finds nothing, to the pictures of each scene. Each picture
-/// is given with the name of its scene, with which findings on a scene begin.
+/// is given with the name of its scene. Findings on a scene begin with "in SCENE, ".
 pub(crate) fn all_or_scenes<T: Copy>(
     dataset: &str,
     pictures: &[(String, T)],

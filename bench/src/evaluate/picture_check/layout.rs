@@ -16,9 +16,10 @@ const BAR: u32 = 50;
 const MISSING: u32 = 5;
 /// Maximum difference in thickness of two bars that count as equally thick, in pixels.
 const MAX_UNEVEN: u32 = 2;
-/// Minimum ratio of the differences between neighbouring rows to those between rows two apart, in interlaced pictures.
+/// In interlaced pictures, the mean difference between neighbouring rows, divided by that between rows two apart, is
+/// above this.
 const MIN_STEPS: f64 = 1.2;
-/// Maximum of the ratio in [`MIN_STEPS`] for columns, and for rows of pictures that are not interlaced.
+/// The ratio that [`MIN_STEPS`] limits is below this for columns, and for rows of pictures that are not interlaced.
 const MAX_STEPS: f64 = 1.05;
 /// One row repeated in a picture must fill at least one in this many rows to be reported.
 const REPEATED_ROW: usize = 20;
@@ -133,7 +134,7 @@ struct Sides {
     colours: [[u8; 3]; 2],
     /// For each side, whether the photograph varies along most of these lines.
     vary: [bool; 2],
-    /// For each side, whether the next line has hardly any pixels of their colour.
+    /// For each side, whether the line after these lines has hardly any pixels of their colour.
     is_sharp: [bool; 2],
 }
 
@@ -180,7 +181,8 @@ impl Sides {
         self.are_bars() && self.thickness[0].abs_diff(self.thickness[1]) <= MAX_UNEVEN
     }
 
-    /// Whether only the last side has lines of one colour, a grey.
+    /// Whether lines of one grey level fill the last part of the picture, and no line at the first side has a single
+    /// colour.
     fn is_unfinished(&self) -> bool {
         let [first, last] = self.thickness;
         let [r, g, b] = self.colours[1];
@@ -238,7 +240,7 @@ fn steps(picture: &RgbImage, is_row: bool) -> f64 {
             }
         }
     }
-    // Half a level is noise.
+    // Mean differences of up to half a level are noise.
     let noise = u64::from(size[0] * size[1] / 2).max(1);
     sums[0] as f64 / sums[1].max(noise) as f64
 }

@@ -12,20 +12,21 @@ const LIMITED: [(f64, f64); 2] = [(16.0, 2.5), (235.0, 3.0)];
 const WIDTHS: [u32; 2] = [32, 80];
 /// Lowest and highest level of a picture in the limited range, with some tolerance because JPEG overshoots.
 const WITHIN: [u8; 2] = [12, 239];
-/// Minimum share of the pixels with a wrapped channel in a picture whose levels wrapped around.
+/// Wrapped levels are reported only if at least this share of the pixels has a wrapped channel.
 const MIN_WRAPPED: f64 = 5e-4;
-/// Maximum median difference of the mid-tones for reporting wrapped levels.
+/// Wrapped levels are reported only if the median difference of the mid-tones is at most this, in levels.
 const MAX_MID_TONE_DIFFERENCE: u8 = 30;
 /// Maximum number of pixels compared.
 const SAMPLES: u32 = 32_768;
-/// Maximum excess of a picture's share of levels 0 (or 255) over the photograph's share of darkest (or brightest)
-/// levels that stretching explains.
+/// Stretching explains a picture's share of levels 0 (or 255) if it exceeds the photograph's share of darkest (or
+/// brightest) levels by at most this.
 const MAX_SHARE_AT_ENDS: f64 = 2e-4;
 /// Minimum factor by which stretching raises a picture's contrast.
 const MIN_STRETCH: f64 = 1.04;
-/// Maximum distance from 0 and 255 of the ends of the photograph's range, stretched as the picture was, in levels.
+/// If the photograph is stretched like the picture, its darkest and brightest level must be at most this far from 0 and
+/// 255, in levels.
 const MAX_OFF_ENDS: f64 = 30.0;
-/// Minimum mean difference of the channels of a coloured photograph, in levels.
+/// A photograph is coloured if its channels differ by at least this on average, in levels.
 const MIN_COLOUR: usize = 8;
 /// The correlation of neighbouring pixels is below the first value in noise, and above the second in photographs.
 const NOISE: [f64; 2] = [0.1, 0.5];
@@ -36,12 +37,12 @@ const CLIP: [(f64, f64); 3] = [(0.4815, 0.2686), (0.4578, 0.2613), (0.4082, 0.27
 /// For each channel, a line maps the photograph's levels to the picture's. Lines are compared at these levels of the
 /// photograph.
 const COMPARED: [f64; 2] = [60.0, 190.0];
-/// Maximum root mean square difference, in levels, between the channels' lines and those of a matching normalisation.
+/// A normalisation matches if the channels' lines differ from its own by at most this root mean square, in levels.
 const MAX_OFF_LINES: f64 = 3.0;
-/// Minimum root mean square difference, in levels, of the channels' lines from their common mean if channels are
-/// treated differently.
+/// Channels count as treated differently if the root mean square difference of their lines from the common mean is at
+/// least this, in levels.
 const MIN_OFF_EQUAL_LINES: f64 = 5.0;
-/// Minimum correlation of a picture's channel with the photograph's for a line to describe it.
+/// A line describes a picture's channel only if its correlation with the photograph's channel is at least this.
 const MIN_CORRELATION: f64 = 0.8;
 
 /// Whether a photograph's black and white became 16 and 235. At two resolutions, the line that matches mean and
@@ -61,7 +62,7 @@ pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bo
     ends[0] >= WITHIN[0] && ends[1] <= WITHIN[1] && WIDTHS.into_iter().all(is_near)
 }
 
-/// A picture reduced to the given width; narrower pictures keep theirs.
+/// A picture reduced to the given width; narrower pictures keep their width.
 fn narrowed(picture: &RgbImage, width: u32) -> RgbImage {
     let (full, height) = picture.dimensions();
     let width = width.min(full);

@@ -17,7 +17,7 @@ pub struct Tone {
     pub(super) target: [[u8; 5]; 3],
     pub(super) source: [[u8; 5]; 3],
     /// For the corners and halfway to them: natural logarithm of the ratio of the picture's brightness to the target's,
-    /// minus that in the middle, in thousandths.
+    /// minus the same logarithm in the middle, in thousandths.
     pub(super) corners: Option<[i16; 2]>,
     /// Share of the green light in the picture's red, of the red in its green and of the green in its blue, in
     /// thousandths; `None` if the target has too little colour.

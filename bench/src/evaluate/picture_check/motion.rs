@@ -16,7 +16,7 @@ use super::finding::ShownCamera;
 
 /// Half the side of a block, rounded down, pixels of a shrunk picture.
 pub(super) const HALF: i64 = 5;
-/// Side of a block.
+/// Side of a block, in pixels of a shrunk picture.
 const SIDE: usize = 2 * HALF as usize + 1;
 /// Number of pixels of a block.
 const AREA: usize = SIDE.pow(2);
@@ -27,41 +27,43 @@ pub(super) const MIN_CONTRAST: f64 = 6.0;
 /// Share of the width to which the search extends along an epipolar line.
 const REACH: f64 = 0.4;
 /// Conditions for finding a block in the target's photograph: the minimum of its highest correlation along the epipolar
-/// line, and the minimum excess over the correlation elsewhere on the line.
+/// line, and the minimum by which this exceeds the correlation elsewhere on the line.
 const IN_TARGET: (f64, f64) = (0.8, 0.1);
-/// [`IN_TARGET`] for finding a block in the picture.
+/// Like [`IN_TARGET`], but for finding a block in the picture.
 const IN_PICTURE: (f64, f64) = (0.7, 0.05);
-/// Minimum excess of a block's correlation at another place over that at its true place, if it contradicts the true
-/// motion.
+/// A block contradicts the true motion if its correlation at another place exceeds its correlation at the true place by
+/// at least this.
 const MIN_GAIN: f64 = 0.1;
-/// Minimum number of blocks for measuring motion.
+/// Motion is measured only with at least this many blocks.
 const MIN_BLOCKS: usize = 8;
-/// Minimum share of the blocks that are found in the picture, for measuring motion.
+/// Motion is measured only if at least this share of the blocks is found in the picture.
 const MIN_FOUND_SHARE: f64 = 0.4;
-/// Minimum true motion of the blocks that are compared, in pixels.
+/// Only blocks whose true motion is at least this are compared, in pixels.
 const MIN_MOTION: f64 = 3.0;
-/// Minimum share of the blocks that agree with a measured multiple of the motion.
+/// A multiple of the motion counts as measured only if at least this share of the blocks agree with it.
 const MIN_AGREEING: f64 = 0.6;
-/// Minimum share of the blocks that contradict the true motion, for reporting a multiple of it.
+/// A multiple of the true motion is reported only if at least this share of the blocks contradict the true motion.
 const MIN_CONTRADICTING: f64 = 0.5;
-/// Minimum share of the blocks that agree with a reported misread pose.
+/// A misread pose is reported only if at least this share of the blocks agree with it.
 const MIN_POSE_SHARE: f64 = 0.5;
 /// Number of misread poses that are tried, including the source's own pose.
 const CANDIDATES: usize = 10;
-/// Maximum number of blocks that simpler causes (a multiple of the motion, the source's view) may explain if a missing
-/// rotation or a reversed axis is reported, as a fraction of the blocks that the reported cause explains.
+/// A missing rotation or a reversed axis is reported only if simpler causes (a multiple of the motion, the source's
+/// view) explain at most this fraction of the blocks that it explains.
 const MAX_SIMPLER_SHARE: f64 = 0.75;
-/// Percentage of the true motion below which pictures are nearly still.
+/// Pictures that move by less than this percentage of the true motion are nearly still.
 const STILL_PERCENT: i16 = 20;
-/// [`MIN_AGREEING`] for nearly still pictures, because blends of the source with a prediction partly show the source.
+/// Like [`MIN_AGREEING`], but for nearly still pictures. It is higher, because blends of the source with a prediction
+/// partly show the source.
 const MIN_AGREEING_STILL: f64 = 0.8;
-/// Minimum rotation for distinguishing the inverse pose from a negated translation, in degrees.
+/// The inverse pose is reported only if the camera turns by at least this, in degrees. Otherwise, it cannot be
+/// distinguished from a negated translation.
 const MIN_TURN: f64 = 0.5;
-/// Minimum component of a translation along an axis for it to count as along that axis, as a share of its length.
+/// A translation counts as along an axis if its component along the axis is at least this share of its length.
 const MIN_ALONG_AXIS: f64 = 0.97;
 /// Maximum distance from the expected place of a block that agrees with a motion, in pixels.
 const MAX_OFF: f64 = 1.0;
-/// [`MAX_OFF`] as a share of the motion; the larger of the two counts.
+/// Like [`MAX_OFF`], but as a share of the motion; the larger limit applies.
 const MAX_OFF_SHARE: f64 = 0.1;
 
 /// Highest level that counts as black, and lowest that counts as white.
@@ -126,7 +128,7 @@ pub(super) fn shown_camera(
         (ShownCamera::OtherAxes, to, flipped),
         (ShownCamera::TransposedRotation, to, transposed),
         unturned(translation),
-        // As above, but for a camera moved to the target's actual position.
+        // Also without a rotation, but with the camera at the target's actual position.
         unturned(rotation.transpose() * translation),
         mirrored(0),
         mirrored(1),
@@ -180,9 +182,9 @@ pub(super) fn shown_camera(
             ShownCamera::Moved(_) => false,
             // Without a rotation, inverting the pose only negates the translation.
             ShownCamera::InversePose => is_turned,
-            // Such pictures resemble the source's view and multiples of the motion, so these causes count only if those
-            // simpler ones explain fewer blocks. If the translation is along one axis, reversing that axis merely
-            // negates the motion.
+            // Pictures without a rotation or with a reversed axis resemble the source's view and multiples of the
+            // motion, so these two causes count only if the simpler ones explain fewer blocks. If the translation is
+            // along one axis, reversing that axis merely negates the motion.
             ShownCamera::Reversed(axis)
                 if translation[usize::from(*axis)].abs()
                     >= MIN_ALONG_AXIS * translation.length() =>

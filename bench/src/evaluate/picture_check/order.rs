@@ -24,21 +24,23 @@ use crate::evaluate::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
 
-/// Minimum gain of another target over a picture's own for the picture to show that target, in dB.
+/// A picture shows another target only if it is closer to it than to its own target by at least this, in dB.
 const MIN_GAIN: f64 = 2.0;
-/// Minimum PSNR against the source's photograph of a copy of it, perhaps stored as JPEG, in dB. A copy must also reach
-/// [`MIN_COPY_GAIN`].
+/// A picture is a copy of the source's photograph, perhaps stored as JPEG, only if its PSNR against that photograph is
+/// at least this, in dB. It must also reach [`MIN_COPY_GAIN`].
 const MIN_COPY_PSNR: f64 = 40.0;
-/// Minimum gain of the source's photograph over the target's for a copy of the former, in dB.
+/// A picture is a copy of the source's photograph only if its PSNR against that photograph exceeds its PSNR against the
+/// target's by at least this, in dB.
 const MIN_COPY_GAIN: f64 = 10.0;
 
-/// Minimum gain of the source's photograph over the target's for a prediction that shows the source's view, in dB. Such
-/// a prediction must also reach [`MIN_SOURCE_VIEW_ERROR`].
+/// A prediction shows the source's view only if it is closer to the source's photograph than to the target's by at
+/// least this, in dB. It must also reach [`MIN_SOURCE_VIEW_ERROR`].
 const MIN_SOURCE_VIEW_GAIN: f64 = 3.0;
-/// Gain of the source's photograph over the target's from which a picture did not move, whatever was measured, in dB.
+/// A picture that is closer to the source's photograph than to the target's by at least this, in dB, shows the source's
+/// view, even if a larger motion or another framing was measured.
 const SURE_SOURCE_VIEW_GAIN: f64 = 5.0;
-/// Minimum squared error against the target of a prediction that shows the source's view, relative to that of the
-/// source's photograph. Predictions of the target's view have a smaller error.
+/// Minimum squared error against the target of a prediction that shows the source's view, as a fraction of the squared
+/// error of the source's photograph against the target. Predictions of the target's view have a smaller error.
 const MIN_SOURCE_VIEW_ERROR: f64 = 0.7;
 
 /// Maximum number of reduced photographs in memory, of about 60 KB each. Pairs in sequence share views.
@@ -125,8 +127,8 @@ pub(crate) fn note_order(
     (record.shows, record.camera) = reconciled(shows, camera, gain);
 }
 
-/// The pair with the views before and after its target instead of it: a method that names its pictures one frame off may
-/// show views that are nobody's target.
+/// The pair with its target replaced by the scene's view before it, and by the view after it. A method that names its
+/// pictures one frame off may show views that are no pair's target.
 fn views_beside<'a>(planned: &ResolvedPair<'a>) -> Vec<(ShownTarget, ResolvedPair<'a>)> {
     let views = &planned.scene.views;
     let Some(at) = views.iter().position(|view| view.id == planned.target.id) else {

@@ -17,17 +17,17 @@ const SEARCH_WIDTH: u32 = 48;
 const STARTS: [f64; 9] = [0.5, 0.5625, 0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.78];
 /// Step sizes of the search, as fractions of the picture's size.
 const STEPS: [f64; 6] = [0.04, 0.02, 0.01, 0.005, 0.0025, 0.001];
-/// Minimum share of the picture that the photograph covers at a place that is tried.
+/// A place is compared only if the photograph then covers at least this share of the picture.
 const MIN_COVERED: f64 = 0.5;
-/// Minimum relative change of width or height of a picture that counts as resized.
+/// A picture counts as resized if its width or height changes by at least this fraction.
 const MIN_RESIZED: f64 = 0.018;
 /// Maximum offset of an edge that counts as unmoved, as a fraction of the picture's size.
 const MAX_UNMOVED: f64 = 0.009;
-/// Minimum gain, in dB, for reporting another place of the photograph in the picture. The gain is that of comparing
-/// them at this place instead of unmoved.
+/// Another place of the photograph in the picture is reported only if comparing them at this place, instead of unmoved,
+/// gains at least this much, in dB.
 const MIN_PLACE_GAIN_DB: f64 = 1.5;
-/// Minimum gain for reporting panels, in dB: how much closer a part of the picture is to the whole photograph than to
-/// the same part of the photograph.
+/// Panels are reported only if a part of the picture is closer to the whole photograph than to the same part of the
+/// photograph by at least this, in dB.
 const MIN_PANEL_GAIN_DB: f64 = 3.0;
 
 /// The change if the picture `shown` is panels, a stretched crop, or padded. Picture and photograph (`seen`) are shrunk

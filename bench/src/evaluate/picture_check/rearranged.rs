@@ -11,19 +11,21 @@ use super::finding::PictureChange;
 use crate::evaluate::gaussians::likeness::{Likeness, window};
 use crate::scoring::Region;
 
-/// Number of points at which all rearrangements are tried. With as many, gains are exact to some tenths of a dB, and a
-/// picture takes about a millisecond.
+/// Number of points at which all rearrangements are tried. With this number, gains are exact to some tenths of a dB,
+/// and a picture takes about a millisecond.
 const POINTS: usize = 1024;
-/// [`MAX_OF_SPACES`] for blocks of sub-pixels, in dB. These do the least harm: good pictures keep about 24 dB.
+/// Like [`MAX_OF_SPACES`], but for blocks of sub-pixels, in dB. It is higher, because exchanged sub-pixels do the least
+/// harm: good pictures keep about 24 dB.
 const MAX_OF_BLOCKS: f64 = 30.0;
-/// Smallest patches that are tried, in pixels. Patches of networks have 8 to 64.
+/// Minimum side of patches that are tried, in pixels. Patches of networks have sides of 8 to 64 pixels.
 const MIN_PATCH: usize = 8;
 /// Numbers of patches across and down that are tried whatever the shape of the patches, as in tiled inference.
 const GRIDS: std::ops::RangeInclusive<usize> = 2..=4;
 /// Sides of blocks of sub-pixels: factors of pixel shuffles, and patches of vision transformers.
 const BLOCKS: [usize; 7] = [2, 3, 4, 8, 14, 16, 32];
-/// Number of parts across, and of parts down, all of which must become closer. A picture that is merely shifted, such as
-/// a copy of the source, becomes closer everywhere but in the part that a roll brings to the opposite side.
+/// Number of parts across, and of parts down, all of which must become closer to the photograph. A picture that is
+/// merely shifted, such as a copy of the source, becomes closer everywhere but in the part that a roll brings to the
+/// opposite side.
 const PARTS: u32 = 4;
 /// Maximum factor by which undoing a rearrangement may multiply the error of a part: slightly above 1, because parts
 /// without content do not change.
@@ -195,7 +197,7 @@ pub(super) fn rearranged(
     let undone = found.undone(picture);
     let small = shrunk(&undone);
     let is_found = match found {
-        // The reduced picture hardly shows these.
+        // Blocks of sub-pixels are hardly visible in the reduced picture.
         Rearrangement::Blocks(_) => {
             let Region {
                 x,

@@ -30,7 +30,7 @@ pub(crate) struct PictureSample<'a> {
 }
 
 /// Chooses the pairs whose pictures are compared. `pairs` must be all pairs of the plan, so that all shards choose the
-/// same.
+/// same pictures.
 pub(crate) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> PictureSample<'a> {
     let mut datasets: BTreeMap<&str, Vec<ResolvedPair<'a>>> = BTreeMap::new();
     for planned in pairs {

@@ -24,38 +24,40 @@ const MAX_SHIFT: f64 = 1.5;
 const MIN_FAR_SHIFT: f64 = 15.0;
 /// Minimum number of pictures that agree on a reported shift.
 const MIN_PICTURES: usize = 3;
-/// Evidence for a shift: minimum sum of the shares that it explains (see [`MIN_EXPLAINED`]) over the pictures that
-/// agree. Three pictures that show it clearly count as much as six that hardly do.
+/// A shift is reported only if the shares that it explains (see [`MIN_EXPLAINED`]), summed over the pictures that
+/// agree, are at least this. Three pictures that show it clearly count as much as six that hardly do.
 const MIN_SUM_OF_SHARES: f64 = 0.5;
-/// Among the pictures that could show a reported shift, the minimum share that agree on it.
+/// A shift is reported only if at least this share of the pictures that could show it agree on it.
 const MIN_SHARE: f64 = 0.65;
-/// Minimum share of the squared displacements of a picture's edges that a shift explains if the picture agrees with it.
+/// A picture agrees with a shift if the shift explains at least this share of the squared displacements of its edges.
 /// Pictures that would not reach this share even with exactly this shift are left out. In good predictions, a shift by
 /// half a pixel explains a third or more. Without a shift, the best fit explains a few hundredths.
 const MIN_EXPLAINED: f64 = 0.08;
-/// [`MIN_EXPLAINED`] and [`MIN_SHARE`] for shifts measured in blocks. Such a shift explains nearly all displacements, but
-/// poor predictions have large displacements, too.
+/// This and the next constant are like [`MIN_EXPLAINED`] and [`MIN_SHARE`], but for shifts measured in blocks. Such a
+/// shift explains nearly all displacements, but poor predictions have large displacements, too.
 const MIN_EXPLAINED_BY_FAR: f64 = 0.6;
 const MIN_SHARE_OF_FAR: f64 = 0.75;
-/// Minimum share of the evidence along a direction for measuring it.
+/// A shift is measured along a direction only if at least this share of the evidence (the trace of the matrix) is along
+/// it.
 const MIN_EVIDENCE: f64 = 0.1;
 /// Minimum gradient of an edge, in levels per pixel.
 const MIN_GRADIENT: f64 = 4.0;
-/// Maximum sine of the angle between an edge's gradient and the normal of the epipolar line that the edge runs along.
+/// An edge runs along an epipolar line if the sine of the angle between its gradient and the line's normal is at most
+/// this.
 const MAX_SINE: f64 = 0.15;
 /// Maximum displacement of an edge, in pixels. Edges that seem to have moved farther probably show other content.
 const MAX_MOVED: f64 = 3.0;
 /// Number of parts across and down. Within a part, depths are assumed to be equally wrong.
 const PARTS: u32 = 12;
-/// Maximum mean squared displacement of a measured picture's edges after its own best shift, in pixels squared. In poor
-/// predictions, edges match other edges.
+/// A picture is measured only if, after its own best shift, the mean squared displacement of its edges is at most this,
+/// in pixels squared. In poor predictions, edges match other edges.
 const MAX_MEAN_SQUARE: f64 = 1.0;
-/// Minimum number of edges in a measured picture.
+/// A picture is measured only if it has at least this many edges along epipolar lines.
 const MIN_EDGES: u32 = 500;
 
 /// Measures the shift of the picture `shown` across its epipolar lines. `None` if its size differs from its target's,
 /// if it has too few edges along the lines, or if the edges match badly. `intrinsics` are the target's, and
-/// `translation` is that of the pose from the source's camera to the target's.
+/// `translation` belongs to the pose that maps the source's camera to the target's.
 pub(super) fn shift_equations(
     intrinsics: Intrinsics,
     translation: DVec3,

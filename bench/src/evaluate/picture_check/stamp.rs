@@ -12,26 +12,28 @@ use crate::pairs::valid_depth::median_of;
 
 /// Number of cells across and down.
 const GRID: [u32; 2] = [40, 30];
-/// Minimum difference between picture and target in a cell that may have foreign content, in levels.
+/// A cell may have foreign content if picture and target differ in it by at least this, in levels.
 const MIN_FOREIGN_DIFFERENCE: u8 = 12;
-/// Maximum difference of a cell's content from the pictures' median for it to count as equal, in levels.
+/// Cells of several pictures count as equal if their levels differ by at most this from the median of these pictures.
 const MAX_EQUAL_DIFFERENCE: u8 = 3;
-/// Minimum number of targets for comparing pictures.
+/// Pictures are compared only if they have at least this many targets.
 const MIN_TARGETS: usize = 4;
-/// Minimum number of sources for comparing pictures, because predictions from one source may be alike.
+/// Pictures are compared only if they have at least this many sources, because predictions from one source may be
+/// alike.
 const MIN_SOURCES: usize = 3;
-/// Minimum share of the pictures that have reported foreign content in common.
+/// Foreign content is reported only if at least this share of the pictures have it in common.
 const MIN_SHARE: f64 = 0.8;
-/// Minimum median difference of the targets from their median level where content is foreign, in levels. Content is
-/// foreign only where the targets differ.
+/// Content of a cell is foreign only if the targets differ there: the median difference of their levels from their
+/// median level must be at least this.
 const MIN_TARGET_DIFFERENCE: f64 = 8.0;
-/// Minimum number of cells that reported content fills.
+/// Content is reported only if it fills at least this many cells.
 const MIN_CELLS: usize = 8;
-/// Minimum share of the rectangle around it that reported content fills. Other faults are scattered.
+/// Content is reported only if it fills at least this share of the rectangle around it. Other faults are scattered.
 const MIN_FILLED: f64 = 0.4;
-/// Maximum share of all cells that reported content fills. Pictures that are wrong everywhere have another cause.
+/// Content is reported only if it fills at most this share of all cells. Pictures that are wrong everywhere have
+/// another cause.
 const MAX_SHARE: f64 = 0.5;
-/// Minimum contrast of reported content, in levels. Holes and backgrounds have one colour.
+/// Content is reported only if its contrast is at least this, in levels. Holes and backgrounds have one colour.
 const MIN_CONTRAST: u8 = 24;
 
 /// Cells in which a picture differs from its target, with the mean levels of both.

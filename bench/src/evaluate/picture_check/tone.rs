@@ -25,31 +25,32 @@ const QUANTILES: [usize; 5] = [10, 30, 50, 70, 90];
 const MAX_BLACK: u8 = 3;
 /// Maximum mean level of the target in a cell where it is dark.
 const MAX_DARK: u8 = 20;
-/// Minimum share of a picture's cells that remain for measuring its tone.
+/// A picture's tone is measured only if at least this share of its cells are not skipped as holes.
 const MIN_CELLS: f64 = 0.5;
-/// Minimum number of a dataset's pictures with a reported finding.
+/// A finding is reported only if at least this many of a dataset's pictures have it.
 const MIN_PICTURES: usize = 3;
-/// Minimum share of a dataset's pictures with a reported curve or dark corners.
+/// A curve or dark corners are reported only if at least this share of a dataset's pictures have them.
 const MIN_SHARE: f64 = 0.8;
-/// Minimum root mean square difference of the pictures' levels from the targets' for seeking a curve.
+/// A curve is sought only if the root mean square difference of the pictures' levels from the targets' is at least
+/// this.
 const MIN_OFF: f64 = 8.0;
-/// [`MIN_OFF`] for one scene of a dataset. Blurred predictions of one scene differ by less.
+/// Like [`MIN_OFF`], but for one scene of a dataset. Blurred predictions of one scene differ by less.
 const MIN_OFF_IN_SCENE: f64 = 16.0;
-/// Minimum share of the pictures that follow their sources, for reporting a difference in exposure between sources and
-/// targets.
+/// A difference in exposure between sources and targets is reported only if at least this share of the pictures have
+/// the exposure of their sources.
 const MIN_FOLLOWING: f64 = 0.4;
 /// The rings that are compared (middle, halfway, corners) as ranges of the squared distance from the middle, which is 1
 /// at the corners.
 const RINGS: [(f64, f64); 3] = [(0.0, 0.12), (0.3, 0.5), (0.65, 1.0)];
-/// Minimum darkening of dark corners. Darkening is the natural logarithm of picture / target brightness in the middle,
-/// minus that in the corners.
+/// Corners are dark if their darkening is at least this. Darkening is the natural logarithm of picture / target
+/// brightness in the middle, minus that in the corners.
 const MIN_DARKENING: f64 = 0.16;
-/// Maximum difference of a picture's darkening from the median of all, as a natural logarithm, if the picture agrees;
-/// 0.3 of the median if that is larger.
+/// A picture agrees on dark corners if its darkening, a natural logarithm, differs from the median of all pictures by
+/// at most this, or by 0.3 of the median if that is larger.
 const MAX_UNEVEN: f64 = 0.12;
-/// Minimum darkening halfway to the corners, as a share of the corners' own darkening.
+/// Dark corners are reported only if the darkening halfway to them is at least this share of their own.
 const MIN_BETWEEN: f64 = 0.15;
-/// Maximum darkening halfway to the corners, as a share of the corners' own darkening.
+/// Dark corners are reported only if the darkening halfway to them is at most this share of their own.
 const MAX_BETWEEN: f64 = 0.85;
 
 /// Colour spaces with wider primaries than sRGB, with [`Tone::mixed`] of sRGB's colours in them (IEC 61966-2-1, Adobe RGB
@@ -58,16 +59,16 @@ const WIDER: [(&str, [f64; 3]); 2] = [
     ("Adobe RGB", [0.285, 0.0, 0.041]),
     ("Display P3", [0.178, 0.033, 0.09]),
 ];
-/// Maximum difference of each share in [`Tone::mixed`] from that of a wider colour space, if the picture agrees with
-/// it. Predictions of weak colours mix more green into blue.
+/// A picture agrees with a wider colour space if each share in [`Tone::mixed`] differs from the space's share by at
+/// most this. Predictions of weak colours mix more green into blue.
 const MAX_MIXED_OFF: f64 = 0.05;
-/// Minimum variance of the difference between two channels for measuring mixing, in linear light.
+/// Mixing is measured only if the variance of the difference between two channels is at least this, in linear light.
 const MIN_COLOUR: f64 = 4e-4;
 
-/// Minimum percentage of the content shown by both source and target that is black or white in a masked picture. Holes
-/// of predictions do not count, because they are where the source shows nothing.
+/// A picture is masked if at least this percentage of the content that both source and target show is black or white in
+/// it. Holes of predictions do not count, because they are where the source shows nothing.
 const MIN_MASKED_PERCENT: u8 = 5;
-/// Minimum share of masked pictures for a report.
+/// Masked pictures are reported only if they are at least this share of the pictures.
 const MIN_MASKED_SHARE: f64 = 0.5;
 
 /// Measures a picture's tone; all pictures are shrunk. `None` if too much of the picture is black.

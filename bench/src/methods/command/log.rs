@@ -7,7 +7,7 @@ use std::path::Path;
 /// Number of bytes kept at each end of a long log.
 const KEPT: u64 = 2 << 20;
 
-/// Size at which a log is cut, in bytes: well above what is kept, so that cuts are rare.
+/// Size at which a log is cut, in bytes: twice as much as is kept, so that cuts are rare.
 const LONGEST: u64 = 4 * KEPT;
 
 /// An append-only log file of at most [`LONGEST`] bytes.

@@ -46,7 +46,7 @@ use crate::io::rendering_files::write_png;
 pub struct Command {
     label: String,
     run: String,
-    /// Working directory; empty for that of this process. Not part of the identity.
+    /// Working directory of the program; empty for that of this process. Not part of the identity.
     folder: PathBuf,
     version: String,
     /// Files named in the command line and in `files=`.

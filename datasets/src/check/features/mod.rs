@@ -43,19 +43,21 @@ const MIN_SIDE: u32 = 48;
 pub(super) const MIN_MATCHES: usize = 30;
 /// Another interpretation counts as better only if it explains at least this fraction of the matches.
 const MIN_SHARE: f64 = 0.6;
-/// Minimum gain in the fraction of explained matches over the dataset reader's own interpretation.
+/// Another interpretation must explain a larger fraction of the matches than the dataset reader's own, by at least
+/// this.
 const MIN_MORE: f64 = 0.2;
-/// Minimum gain in the number of explained matches over the dataset reader's own interpretation, in standard errors.
+/// Another interpretation must explain more matches than the dataset reader's own, by at least this many standard
+/// errors.
 const MIN_ERRORS: f64 = 4.0;
-/// Maximum difference, in standard errors, between two counts for interpretations to be about equal: the matches that
-/// only the first explains, and those that only the second explains.
+/// Two interpretations are about equal if the number of matches that only the first explains differs from the number
+/// that only the second explains by at most this many standard errors.
 const MAX_ERRORS_OF_EQUALS: f64 = 2.0;
 /// Maximum number of views whose poses are tried, two at a time, for two pictures.
 const MAX_TRIED: usize = 48;
 /// The poses of other views are reported only if they explain at least this fraction of the matches.
 const MIN_ELSEWHERE: f64 = 0.75;
-/// Largest fraction of the matches that the pictures' own poses may explain for other views' poses to be reported.
-/// Above this fraction, these poses may merely be imprecise, and one of many alternatives may fit better by chance.
+/// The poses of other views are reported only if the pictures' own poses explain at most this fraction of the matches.
+/// If they explain more, they may merely be imprecise, and one of many alternatives may fit better by chance.
 const MAX_AS_READ: f64 = 0.5;
 
 /// Indices of two views whose poses fit two pictures, a description, and for each match whether
@@ -208,9 +210,9 @@ impl<'a> Matches<'a> {
     }
 
     /// Finds pairs (a view in `starts` and the next one) whose matches are explained by the poses of two other views,
-    /// but not by their own. Returns a sentence for each pair, with the matches explained. Returns nothing if a pair
-    /// with enough matches remains unexplained, or if two pictures would share a pose. Among so many poses, some fit by
-    /// chance.
+    /// but not by their own. Returns a sentence for each pair, with the matches explained. Because some of so many
+    /// poses fit by chance, returns nothing if a pair with enough matches remains unexplained, or if two pictures would
+    /// share a pose.
     fn all_elsewhere(
         &self,
         starts: &BTreeSet<usize>,
@@ -343,7 +345,7 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
     })
 }
 
-/// True if neither of two interpretations explains significantly more.
+/// True if neither of two interpretations explains significantly more matches than the other.
 fn is_about_equal(one: &[Option<bool>], other: &[Option<bool>]) -> bool {
     let count = |of: (bool, bool)| {
         let both = one.iter().copied().zip(other.iter().copied());

@@ -1,4 +1,4 @@
-//! The shell of a room: walls, floor and ceiling, and what hangs on the walls.
+//! The shell of a room: walls, floor and ceiling, and the objects that hang on the walls.
 
 use glam::DVec3;
 

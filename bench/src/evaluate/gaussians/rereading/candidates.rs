@@ -1,4 +1,4 @@
-//! The readings that are tried.
+//! The settings of the file reader that are tried.
 
 use sharp::gaussians::Gaussians;
 use sharp::ply::{

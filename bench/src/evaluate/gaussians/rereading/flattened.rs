@@ -1,4 +1,5 @@
-//! Compares shifts and focal lengths on flattened Gaussians, which do not cover each other by depth.
+//! Compares shifts and focal lengths on flattened Gaussians: most neighbours have the same depth, so that none covers
+//! the others systematically.
 //!
 //! On a slanted surface, each Gaussian is partly covered by nearer neighbours. Even if a file is read correctly, this
 //! moves its rendering by up to a pixel, which must not be taken for a wrong shift or focal length.

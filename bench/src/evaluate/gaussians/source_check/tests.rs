@@ -231,7 +231,7 @@ fn a_wrong_frame_colour_space_or_unit_is_named_and_a_right_one_is_not() {
         (bgr, "with `channels=bgr`, they"),
         (
             recolored(&round, |_| 0.9),
-            "no other reading that was tried",
+            "no other setting that was tried",
         ),
         // Reporting one problem does not hide another.
         (recolored(&in_millimetres_too, |_| 0.9), "times as far away"),
