@@ -1,4 +1,4 @@
-//! `analyze`: the paper's explanatory experiments.
+//! `analyze`: repeats the paper's experiment on the metrics' sensitivity to shifts.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ use crate::io::pictures;
 use crate::pictures::keyed_scores::json_scores;
 use crate::report::figures::sheet::SheetMedium;
 
-/// Repeat the paper's explanatory experiments on your pictures
+/// Repeat the paper's experiment on the metrics' sensitivity to small shifts, on your pictures
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -44,7 +44,7 @@ enum AnalyzeCommand {
 struct TranslationArgs {
     /// The picture
     image: PathBuf,
-    /// Shifts in per cent of the width; the paper's by default
+    /// Shifts in per cent of the picture's width; the defaults are the paper's
     #[arg(long, value_name = "LIST", default_value = "0.1,1,5")]
     shifts: Shifts,
     #[command(flatten)]

@@ -27,8 +27,8 @@ Limits:
   psnr < -0.1 on eth3d       on one dataset; `on all` is the mean of the datasets
   psnr < -1 per scene        on the mean of each scene, significant or not
   |lpips| > 0.005            in either direction
-  seconds_per_pair > +10 %   10 % more than A, measured on the same class of device
-  peak_memory > +10 %        likewise
+  seconds_per_pair > +10 %   more than 10 % slower than A, on the same class of device
+  peak_memory > +10 %        more than 10 % above A's memory, on the same class of device
 
 Examples:
   sharp-bench gate --baseline main.zip --candidate runs/now \\

@@ -37,7 +37,7 @@ impl Outcome {
         self.or(Self::of_problems(broken))
     }
 
-    /// `other` in place of `Done`; all other outcomes are kept.
+    /// `other` if `self` is `Done`, else `self`.
     pub(super) fn or(self, other: Self) -> Self {
         if self == Self::Done { other } else { self }
     }

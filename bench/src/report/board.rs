@@ -43,7 +43,7 @@ pub struct PairBoard<'a> {
     pub by_method: Vec<Option<&'a Record>>,
 }
 
-/// A column group of the tables.
+/// A dataset of the report: a column group of the tables.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportDataset {
     /// Name as in the records: the user's choice, or the format by default.
@@ -59,7 +59,7 @@ pub struct ReportDataset {
     pub aggregation: Aggregation,
 }
 
-/// A row of the tables.
+/// A method of the report: a row of the tables.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportMethod {
     /// Label as in the records.
@@ -70,8 +70,8 @@ pub struct ReportMethod {
     pub unranked: Option<String>,
     /// Whether the method is trivial, so that every real method is expected to beat it.
     pub is_baseline: bool,
-    /// Whether plots and sheets show the method. They leave out `target` and `mean`, which would stretch the axes,
-    /// unless the user lists these methods or there are no others.
+    /// Whether plots and sheets show the method. The methods `target` and `mean`, which would stretch the axes, are
+    /// left out unless the user lists them or there are no other methods.
     pub is_plotted: bool,
     /// Name of the kernel that resized predictions of another size, if known.
     pub resize_kernel: Option<String>,
@@ -162,7 +162,7 @@ impl<'a> Board<'a> {
         methods.filter_map(|(i, method)| method.is_plotted.then_some(i))
     }
 
-    /// Pluralised names with their counts, for the page's summary.
+    /// What the page's summary counts, as singular nouns with their numbers. `metrics` is the number of metrics.
     pub fn counts(&self, metrics: usize) -> [(&'static str, usize); 6] {
         let pairs = || self.datasets.iter().flat_map(|d| &d.pairs);
         let scenes = pairs().map(|pair| (&pair.facts.dataset, &pair.facts.scene));

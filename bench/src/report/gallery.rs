@@ -32,7 +32,7 @@ const PROBES: usize = 5;
 /// Share of the budget that pictures are sized to fill. The rest is a margin, because file sizes are estimates.
 const TARGET_FILL: f64 = 0.9;
 
-/// Kind of a pair's picture: first the kinds for the two views, then those for a prediction.
+/// Kind of a pair's picture: first the kinds that show a view, then those that show a prediction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PictureKind {
     Source,

@@ -56,7 +56,7 @@ pub struct Page<'a> {
     pub metrics: &'a [Column],
     pub extras: &'a [Column],
     pub facts: &'a [FactGroup],
-    /// Pluralised names and counts, as in [`Board::counts`].
+    /// The nouns and numbers of [`Board::counts`].
     pub counts: [(&'static str, usize); 6],
     pub board: &'a Board<'a>,
     pub ours: &'a [Table],

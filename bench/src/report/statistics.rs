@@ -16,7 +16,7 @@ pub struct CellStatistics {
     /// Number of pairs in the dataset.
     pub total: usize,
     /// Mean over the pairs with a score, in the order of their ids, by the dataset's
-    /// [`Aggregation`](crate::evaluate::Aggregation). Infinite if a score is; `None` if there are no scores.
+    /// [`Aggregation`](crate::evaluate::Aggregation). Infinite if any score is infinite; `None` if there are no scores.
     pub mean: Option<f64>,
     /// Sample standard deviation over pairs (divisor n − 1). `None` for fewer than two scores or an infinite one.
     pub std: Option<f64>,

@@ -53,7 +53,7 @@ enum GaussiansCommand {
         to: Option<TargetForm>,
         #[command(flatten)]
         reading: ReadingArgs,
-        /// Drop Gaussians with lower opacity, 0..1
+        /// Drop Gaussians whose opacity is below X, from 0 to 1
         #[arg(long, value_name = "X", default_value_t = 0.0)]
         min_opacity: f32,
     },
@@ -247,7 +247,7 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
             "a median depth of {median} is implausible for a photograph in metres"
         ));
     }
-    // SHARP writes two equal layers, one after the other.
+    // SHARP writes two layers with the same number of Gaussians, one after the other.
     let has_layers = scene.version.is_some() && n > 0 && n.is_multiple_of(2);
     let per_layer = has_layers.then_some(n / 2);
     let not_finite = (0..n).filter(|&k| !scene.gaussians.is_finite(k)).count();
@@ -265,7 +265,7 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
         text += &format!("per layer        {n} (two layers)\n");
     }
     text += &format!("not finite       {not_finite} (the renderer drops them)\n");
-    text += &format!("quaternion zero  {zero_quaternions} (dropped too)\n");
+    text += &format!("quaternion zero  {zero_quaternions} (the renderer drops them)\n");
     text += &format!("opacity < 1/255  {below_visibility} (never visible)\n");
     let space = color_space.as_deref();
     let view = if scene.is_view_dependent {

@@ -1,4 +1,4 @@
-//! `pairs import`: converts a published list to our format.
+//! `pairs import`: converts a published pair list to the format of `pairs`.
 
 use std::path::PathBuf;
 

@@ -235,7 +235,7 @@ pub(super) fn cell(
     .judged()
 }
 
-/// The first scene of each physical place, keyed by place.
+/// The first scene by name of each physical place, keyed by place.
 fn first_scenes<'a>(records: &[(usize, &'a Record)]) -> BTreeMap<&'a str, &'a str> {
     let mut first: BTreeMap<&str, &str> = BTreeMap::new();
     for (_, record) in records {

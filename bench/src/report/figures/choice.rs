@@ -50,7 +50,7 @@ impl fmt::Display for Choice {
     }
 }
 
-/// Pairs given by their ids, or a number of pairs per dataset.
+/// Selects pairs by their ids, or a number of pairs per dataset.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
@@ -70,7 +70,7 @@ pub struct PairsChoice {
     pub count: NonZeroUsize,
 }
 
-/// The pairs of one source.
+/// Selects targets that share one source view.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PathChoice {
     /// The source as DATASET/SCENE/VIEW, as in the ids of its pairs [default: the source with the most
