@@ -20,7 +20,7 @@ use crate::scoring::Region;
 use sharp_plots::Figure;
 use sharp_plots::style::FigureStyle;
 
-/// Methods, datasets and metrics of a sheet of pictures, and the parts to enlarge.
+/// The parts of a sheet's pictures to enlarge.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SheetOptions {
     /// Part of the pictures to outline and enlarge, in pixels of the target; repeatable

@@ -43,7 +43,7 @@ pub enum CompareError {
     #[error("{0}")]
     Methods(String),
     /// The available weights differ from the weights of the runs.
-    #[error("no error anatomy: {0}; pass the runs' weights with --weights")]
+    #[error("--anatomy: {0}; pass the runs' weights with --weights")]
     Anatomy(String),
 }
 
@@ -375,7 +375,7 @@ fn backend_difference([a, b]: &[Manifest; 2]) -> Option<String> {
         }
     };
     let (a, b) = (kind(a), kind(b));
-    (a != b).then(|| format!("the renderer is \"{a}\" in the first and \"{b}\" in the second"))
+    (a != b).then(|| format!("the renderer is \"{a}\" in the first run and \"{b}\" in the second"))
 }
 
 fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {

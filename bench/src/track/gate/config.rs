@@ -131,7 +131,7 @@ pub enum Resource {
 impl Resource {
     pub(super) const ALL: [Self; 2] = [Self::SecondsPerPair, Self::PeakMemory];
 
-    /// Smallest cost of A that can be judged, in seconds or MiB.
+    /// Costs of A below this value, in seconds or MiB, are too small to be judged.
     pub(super) fn least(self) -> f64 {
         match self {
             Self::SecondsPerPair => 0.05,
