@@ -25,9 +25,10 @@ const SAME_PLACE: f64 = 2.0;
 /// attribute's median difference under two interpretations of the file, and the size of a common
 /// shift with its spread.
 const MUCH_LESS: f64 = 10.0;
-/// Largest median difference of an attribute that counts as agreement, in per cent: no other interpretation is chosen.
+/// Median differences of an attribute up to this value, in per cent, count as agreement; no other interpretation of the
+/// attribute is chosen then.
 const NEGLIGIBLE: f64 = 0.1;
-/// Minimum common shift of all Gaussians that is reported as a cause, in pixels.
+/// A common shift of all Gaussians is reported as a cause of differences only if it has at least this size, in pixels.
 const MIN_SHIFT: f64 = 0.05;
 /// Side of a cell of the neighbour search, in pixels.
 const CELL: f64 = 4.0;
@@ -428,7 +429,7 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// The possible forms of attribute `field`, with those of the other attributes as in `current`.
+/// All forms in which attribute `field` may be stored; all other attributes keep their form in `current`.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {

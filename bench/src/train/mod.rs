@@ -158,7 +158,8 @@ impl Watcher for Watching<'_> {
         if std::mem::take(&mut self.page_due)
             && let Err(error) = page::write(self.folder, self.perceptual_network, self.observer)
         {
-            self.observer.warn(&format!("no page: {error}"));
+            self.observer
+                .warn(&format!("index.html was not written: {error}"));
         }
         let name = format!("stage {}", stage.number());
         if self.phase.replace(stage) != Some(stage) {
