@@ -38,8 +38,8 @@ enum AnalyzeCommand {
 
 /// Measure how much each metric reacts to a small shift of a picture, and to replacing the picture by its mean colour
 ///
-/// Reproduces the paper's table of sensitivity. A window moves over the picture, so that no border has to be filled in.
-/// Sub-pixel shifts are interpolated linearly; all pictures are rounded to 8 bits.
+/// Reproduces the paper's table of sensitivity. Shifting moves a window over the picture, so that no border has to be
+/// filled in. Sub-pixel shifts are interpolated linearly; all pictures are rounded to 8 bits.
 #[derive(Debug, Args)]
 struct TranslationArgs {
     /// The picture

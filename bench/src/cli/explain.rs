@@ -45,7 +45,7 @@ pub(super) struct ExplainArgs {
     /// The published row to compare with
     #[arg(long, value_name = "LABEL", default_value = "SHARP (ours)")]
     row: String,
-    /// Variants of the metrics to try
+    /// Metrics and variants to score, comma-separated
     #[arg(long, value_name = "LIST", default_value = "all,all@frustum")]
     metrics: String,
     /// Weights file of a network that LPIPS or DISTS uses: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable

@@ -66,7 +66,7 @@ enum FigureCommand {
     FidelityTime {
         #[command(flatten)]
         runs: RunsArgs,
-        /// A metric of the runs
+        /// The metric to plot; the runs must have it
         #[arg(long, default_value_t = MetricKey::DISTS)]
         metric: MetricKey,
         /// An output folder of `speed`, or its speed.csv. These times replace the times recorded in the run, for the

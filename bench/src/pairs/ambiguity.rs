@@ -12,14 +12,14 @@ use super::dataset::OpenDataset;
 use super::options::PairOptions;
 use super::overlap_cache::OverlapCache;
 
-/// The subject whose choices also apply to stereo datasets; all other subjects apply to multi-view datasets only.
+/// Heading of the sampling options, the only group of choices that also applies to stereo datasets.
 const SAMPLING: &str = "sampling";
 
-/// Subject of alternative reader settings.
+/// Heading of the alternative settings of dataset readers.
 const READING: &str = "dataset reading";
 
-/// The alternatives by subject. Each text contains the changes of one subject, separated by spaces; [`PairOptions`]
-/// parses each change.
+/// The alternatives, grouped under headings. Each text contains the changes of one group, separated by spaces;
+/// [`PairOptions`] parses each change.
 const ALTERNATIVES: [(&str, &str); 10] = [
     ("threshold", "threshold=0.5 threshold=0.7 at-threshold=in"),
     (

@@ -86,7 +86,8 @@ impl OpenDataset {
 
     /// Opens a dataset with the settings that a run recorded, even if a default has changed since.
     ///
-    /// # Errors If the dataset or all of its scenes cannot be read. It is not an error if no scene matches.
+    /// # Errors
+    /// If the dataset or all of its scenes cannot be read. It is not an error if no scene matches.
     pub fn open_recorded(
         config: &DatasetConfig,
         recorded: &[DatasetReading],

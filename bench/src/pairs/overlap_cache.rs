@@ -36,7 +36,7 @@ pub(super) struct Overlaps {
 pub(super) struct DepthFacts {
     /// Median of the valid depths, in metres.
     pub(super) median_m: f64,
-    /// See [`density`](crate::pairs::valid_depth::density).
+    /// The map's [density](crate::pairs::valid_depth::density).
     pub(super) density: f64,
 }
 
@@ -67,7 +67,8 @@ impl SceneOverlaps {
         self.couple(a, b).is_some() || self.has_none(a) || self.has_none(b)
     }
 
-    /// The share of the target that is visible in the source, and the reverse; `None` without depth.
+    /// The share of the target that is visible in the source, and the share of the source that is visible in the
+    /// target; `None` if either is unknown.
     pub(super) fn overlaps(&self, source: usize, target: usize) -> Option<(f64, f64)> {
         let found = (*self.couple(source, target)?)?;
         Some(if target < source {

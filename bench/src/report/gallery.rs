@@ -20,7 +20,7 @@ use super::{error_map, view_maps};
 pub(super) const PAIRS_IN_FILE: usize = 24;
 /// Absolute error (0..1, mean over the channels) at the top of the error maps' colour scale.
 pub(super) const ERROR_MAX: f32 = 0.5;
-/// Change of the absolute error at both ends of its colour scale.
+/// Change of the absolute error (0..1) at the ends of its colour scale, which reaches from minus to plus this value.
 pub(super) const CHANGE_MAX: f32 = 0.2;
 /// Minimum longer side of pictures in a single-file page, in pixels. To save space, the page shows fewer pairs rather
 /// than smaller pictures.

@@ -194,8 +194,8 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Warnings that follow from all pairs together, one sentence each. For some predictions, `order` lists the other
-/// targets to compare with.
+/// Warnings about all pairs together, one sentence each. `order` lists, for some predictions, further targets to
+/// compare them with.
 fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>>) -> Vec<String> {
     let changed = |group: &PictureGroup<'_, usize>| {
         let pictures = group.pictures.iter().map(|at| &scored[*at]);

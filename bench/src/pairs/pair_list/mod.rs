@@ -66,7 +66,8 @@ impl PairList {
 
     /// Like [`Self::read`], but from bytes; `path` is only used in errors.
     ///
-    /// # Errors [`PairError::List`] with the line of the first mistake.
+    /// # Errors
+    /// [`PairError::List`] with the line of the first mistake.
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, PairError> {
         let wrong = |line: u64, reason: String| PairError::List {
             path: path.to_owned(),
@@ -158,8 +159,9 @@ impl PairList {
 
     /// Like [`Self::resolve`], but skips a pair if its scene or one of its views could not be read.
     ///
-    /// # Errors [`PairError::List`] names the line, and what is missing from the scenes or which scene a setting of its
-    /// dataset excludes.
+    /// # Errors
+    /// [`PairError::List`] names the line, and what is missing from the scenes or which scene a setting of its dataset
+    /// excludes.
     pub fn resolve_readable<'a>(
         &'a self,
         scenes: &'a [Scene],

@@ -204,7 +204,7 @@ pub(super) fn cell(
             }
         }
     }
-    // Drop values over fewer pairs than others, because they are not comparable.
+    // Drop values that cover fewer pairs than other values, because they are not comparable with them.
     for scenes in [SceneReading::All, SceneReading::OneAPlace] {
         let of_scenes = values.iter().filter(|value| value.reading.scenes == scenes);
         let most = of_scenes.map(|value| value.n).max();

@@ -104,8 +104,9 @@ pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure
 /// Plots a metric against seconds per pair. Times measured by `speed` replace those of the runs for the methods that
 /// `speed` measured. `None` if no method has both a score and a time.
 ///
-/// # Errors If the results contradict each other, the style has no room for a plot, the metric does not exist, or a
-/// folder cannot be read.
+/// # Errors
+/// If the results contradict each other, the style has no room for a plot, the metric does not exist, or a folder
+/// cannot be read.
 pub fn fidelity_time(
     results: &Results,
     metric: MetricKey,

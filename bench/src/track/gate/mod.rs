@@ -219,7 +219,7 @@ fn shell_word(text: &str) -> String {
     }
 }
 
-/// Judges run B relative to run A. `methods` has the same meaning as in [`compare`].
+/// Judges run B relative to run A. `methods` are pairs of labels `(in A, in B)`, as for [`compare`].
 ///
 /// # Errors
 /// If the runs cannot be compared, or a limit names a metric or a dataset that the runs do not
