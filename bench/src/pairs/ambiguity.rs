@@ -48,7 +48,7 @@ const ALTERNATIVES: [(&str, &str); 10] = [
     ),
 ];
 
-/// Number of pairs of a dataset under some options.
+/// Numbers of a dataset's pairs under one set of options.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Count {
     pub qualified: usize,
@@ -60,7 +60,7 @@ pub struct Count {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Alternative {
     pub about: &'static str,
-    /// The change, `key=value`; empty for the base.
+    /// The change, `key=value`; empty for the base options.
     pub change: String,
     #[serde(rename = "datasets")]
     pub counts: BTreeMap<String, Count>,

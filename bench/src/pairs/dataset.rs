@@ -22,8 +22,7 @@ pub struct OpenDataset {
     pub name: String,
     /// The configuration as given.
     pub config: DatasetConfig,
-    /// The format and all settings of the reader, as text: everything but the folder that determines how files are
-    /// interpreted.
+    /// The format and all settings of the reader (not its folder) as text; they determine how files are interpreted.
     pub settings: String,
     /// Settings for details that the paper leaves open.
     pub readings: Vec<DatasetReading>,
@@ -221,7 +220,7 @@ impl OpenDataset {
         self.scenes.iter().flat_map(of_scene).collect()
     }
 
-    /// The settings in force, as comma-separated `key=value`.
+    /// The settings in [`Self::readings`], as comma-separated `key=value`.
     pub fn readings_text(&self) -> String {
         let readings = self.readings.iter();
         let texts: Vec<String> = readings.map(|r| format!("{}={}", r.key, r.value)).collect();

@@ -22,7 +22,7 @@ use crate::io::view_hashes::{ViewHashes, lock};
 
 const FORMAT: u32 = 3;
 
-/// Both overlaps of views a < b, by index in the scene.
+/// The two overlaps of views a and b, where a < b are their indices in the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Overlaps {
     /// Share of a's pixels visible in b.
@@ -104,8 +104,8 @@ struct TableFile {
     content: SceneOverlaps,
 }
 
-/// Tables of scenes, in memory and optionally in files. Files that cannot be read or written are skipped with a
-/// warning.
+/// Measured overlaps of scenes, in memory and optionally in files. Files that cannot be read or written are skipped
+/// with a warning.
 #[derive(Debug, Default)]
 pub struct OverlapCache {
     folder: Option<PathBuf>,
@@ -128,7 +128,7 @@ impl OverlapCache {
         }
     }
 
-    /// The folder in the user's cache; see [`sharp_metrics::weights::user_cache`].
+    /// The folder of measured overlaps in the user's cache; see [`sharp_metrics::weights::user_cache`].
     pub fn users_folder() -> Option<PathBuf> {
         Some(sharp_metrics::weights::user_cache()?.join("overlap"))
     }

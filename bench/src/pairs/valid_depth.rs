@@ -1,4 +1,4 @@
-//! Valid values of a depth map, their median and share.
+//! Valid values of a depth map, their median and density.
 
 use sharp_datasets::DepthMap;
 

@@ -17,7 +17,7 @@ use crate::methods::{KINDS, MethodIdentity};
 use super::column::Column;
 use super::error::ReportError;
 
-/// The data behind tables and plots.
+/// Results as a grid of datasets, pairs and methods, from which tables and plots are made.
 #[derive(Debug)]
 pub struct Board<'a> {
     /// Datasets, in the order of the run.
@@ -39,7 +39,7 @@ pub struct DatasetBoard<'a> {
 pub struct PairBoard<'a> {
     /// A record of the pair by some method, for facts that do not depend on the method.
     pub facts: &'a Record,
-    /// Records by method, in the order of [`Board::methods`]; `None` if the method has no record.
+    /// The pair's records, in the order of [`Board::methods`]; `None` for methods without a record of the pair.
     pub by_method: Vec<Option<&'a Record>>,
 }
 

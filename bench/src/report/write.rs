@@ -190,7 +190,8 @@ pub fn report(
     })
 }
 
-/// A copy of the results for publishing, without folders of this machine in reasons, and without paths of datasets.
+/// A copy of the results for publishing, without this machine's folders in reasons for failures, and without paths of
+/// datasets.
 fn without_paths(results: &Results) -> Results {
     let mut results = results.clone();
     for record in &mut results.records {

@@ -82,7 +82,7 @@ pub struct CellExplanation {
     /// Name of the dataset in the run, whereas `column` is the paper's name for it.
     pub dataset: String,
     pub column: &'static str,
-    /// The metric as published.
+    /// The metric as the paper names it.
     pub metric: Column,
     pub published: f64,
     /// The value that the run itself reports: the metric's default variant, averaged over all pairs by the run's own
@@ -255,7 +255,7 @@ fn pooled(values: &[(&Record, f64)]) -> Option<f64> {
 }
 
 impl Reading {
-    /// Text without the variant: `as scored, all scenes, mean over pairs`.
+    /// The reading as text, without the metric's variant: `as scored, all scenes, mean over pairs`.
     pub fn words(&self) -> String {
         format!(
             "{}, {}, {}",

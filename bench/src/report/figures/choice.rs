@@ -11,7 +11,7 @@ use crate::report::column::Column;
 use crate::report::error::ReportError;
 use sharp_plots::PlotError;
 
-/// How the pairs of each dataset are chosen. The first metric decides.
+/// Rule for choosing pairs of each dataset by their scores in the first metric.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Choice {
     /// The pairs of median difficulty, where difficulty is the mean score of the ranked methods.
@@ -82,7 +82,7 @@ pub struct PathChoice {
     pub count: NonZeroUsize,
 }
 
-/// Chooses one pair per dataset.
+/// One pair of median difficulty per dataset.
 impl Default for PairsChoice {
     fn default() -> Self {
         Self {
@@ -99,7 +99,7 @@ pub struct ChosenPair<'a> {
     pub pair: &'a PairBoard<'a>,
 }
 
-/// The chosen pairs.
+/// The selected pairs, by scores in the first of `metrics` if the selection depends on scores.
 ///
 /// # Errors
 /// If there is no pair with a given id, no method with a given name, or no pair on which the first method loses.

@@ -139,7 +139,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     remarks
 }
 
-/// Entrants of a column, from best to worst.
+/// The entrants for one column of a dataset, from best to worst.
 fn entrants<'a>(
     board: &'a Board<'_>,
     table: &Table,

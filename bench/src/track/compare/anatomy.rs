@@ -24,8 +24,8 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::pictures::ReportPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
-/// Relative difference above which two depths belong to different surfaces. The computation of overlap uses the same
-/// value.
+/// Relative difference above which two depths belong to different surfaces. By default, overlap is computed with the
+/// same value.
 const SURFACE_TOLERANCE: f64 = 0.05;
 /// Distance up to which pixels belong to a depth edge, in pixels.
 const EDGE_RADIUS: i64 = 3;
@@ -136,9 +136,9 @@ fn mark_edges(depth: &DepthMap, classes: &mut [PixelClass]) {
 /// Differences of two methods by class of pixel.
 #[derive(Debug, Default)]
 pub struct Anatomy {
-    /// Strata of [`Division::Pixels`], with the share of pixels.
+    /// Differences by class of pixel, each with the class's share of the pixels.
     pub strata: Vec<Stratum>,
-    /// What was left out, and why, one line each.
+    /// Pairs and metrics that were left out, and why, one line each.
     pub notes: Vec<String>,
 }
 

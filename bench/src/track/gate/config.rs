@@ -108,7 +108,7 @@ pub enum Scope {
     Everywhere,
     /// One dataset, or [`ALL`](crate::track::compare::ALL) for the mean over the datasets.
     On(String),
-    /// Each scene of all datasets, or of one.
+    /// Each scene of the named dataset, or of all datasets.
     PerScene(Option<String>),
 }
 

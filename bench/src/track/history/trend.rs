@@ -115,11 +115,12 @@ struct Growing {
 #[derive(Debug)]
 struct Stretch {
     last: Arc<Entry>,
-    /// The last change point, or the first entry.
+    /// The part's last change point or, without one, its first entry.
     reference: Arc<Entry>,
 }
 
-/// All series, updated entry by entry. An entry is dropped once no later entry can be compared with it any more.
+/// All series, updated entry by entry. An entry is kept in memory only as long as later entries may be compared with
+/// it.
 #[derive(Debug, Default)]
 pub(super) struct Trend(Vec<Growing>);
 
@@ -134,7 +135,7 @@ impl Trend {
         }
     }
 
-    /// The finished series, by metric, dataset and method.
+    /// The finished series, sorted by metric, dataset and method.
     pub(super) fn into_series(self) -> Vec<Series> {
         let place = |name: fn(&Series) -> &str| {
             let mut places = BTreeMap::new();
