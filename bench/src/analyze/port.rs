@@ -19,7 +19,8 @@ use crate::pairs::PosedCamera;
 
 /// Approximate number of Gaussians for testing an interpretation of the port's file, evenly spread over the file.
 const SAMPLE: usize = 4096;
-/// Median distance, as computed by [`Pair::distance`], below which Gaussians count as matched, in pixels.
+/// Gaussians count as matched if their median distance, as computed by [`Pair::distance`], is below this value, in
+/// pixels.
 const SAME_PLACE: f64 = 2.0;
 /// Factor by which one number must exceed another to count as clearly larger. Used to compare an
 /// attribute's median difference under two interpretations of the file, and the size of a common

@@ -55,10 +55,10 @@ pub(super) struct GateArgs {
     /// Compare method OLD of A with method NEW of B [default: methods with the same label, or each run's only method]
     #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
     methods: Vec<(String, String)>,
-    /// Write JUnit XML
+    /// Write the result as JUnit XML
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
-    /// Write a comment for a pull request
+    /// Write the result as Markdown, for a comment on a pull request
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
     /// Print JSON

@@ -83,8 +83,8 @@ struct SlurmArgs {
     /// Submit one array for all stages, instead of one for pictures (predictions and renderings) and one for scores
     #[arg(long)]
     one_array: bool,
-    /// Pass OPTION to sbatch for JOB, which is pictures, score, all (with --one-array), merge, or every (for all of
-    /// these); repeatable
+    /// Pass OPTION to sbatch for JOB: pictures, score, all (with --one-array), merge, or every (for all of these);
+    /// repeatable
     #[arg(long = "sbatch", value_name = "JOB=OPTION", value_parser = option)]
     options: Vec<(String, String)>,
     /// Also submit shards with recorded failures

@@ -1,4 +1,4 @@
-//! Training run by the harness: validated by its own evaluation, with a page that shows progress.
+//! Trains networks: the harness's own evaluation validates the weights, and a page shows progress.
 //!
 //! | in the folder, besides [the files of `sharp_train`](sharp_train::trainer) | |
 //! |---|---|
@@ -132,7 +132,7 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     })
 }
 
-/// Above this weight, the perceptual loss with VGG16 outweighs all other losses.
+/// A larger weight of the perceptual loss with VGG16 causes a warning, because this loss then outweighs all others.
 const MAX_VGG_WEIGHT: f64 = 0.3;
 
 /// Number of steps per stage whose loss and time are reported.

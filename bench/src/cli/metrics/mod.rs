@@ -132,8 +132,8 @@ pub(super) struct MetricsArgs {
     methods_text: bool,
 }
 
-/// A mask that keeps a smaller share of the pixels is probably inverted, because most masks exclude
-/// a person, a sky or a logo.
+/// A mask that keeps less than this share of the pixels is probably inverted, because most masks exclude a person, a
+/// sky or a logo.
 const MIN_LEFT: f64 = 0.2;
 
 pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {

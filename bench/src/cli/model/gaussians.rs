@@ -63,7 +63,7 @@ enum GaussiansCommand {
 enum TargetForm {
     /// PLY with only the Gaussians, in the layout of 3D Gaussian Splatting, for any viewer
     Plain,
-    /// PLY with the elements that the release adds, without view-dependent colours
+    /// PLY with the elements that SHARP's release adds, without view-dependent colours
     Release,
     /// PlayCanvas' compressed PLY
     Compressed,

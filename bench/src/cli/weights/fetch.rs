@@ -141,7 +141,7 @@ fn published(args: &FetchArgs, release: &Release, cache: &Path) -> anyhow::Resul
     }))
 }
 
-/// Downloads a release; that of SHARP only if the user has accepted the licence.
+/// Downloads a release; SHARP's checkpoint is downloaded only if the user has accepted its licence.
 fn transfer(
     args: &FetchArgs,
     release: &Release,

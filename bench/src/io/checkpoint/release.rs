@@ -29,7 +29,7 @@ pub fn licence_text() -> String {
     )
 }
 
-/// The encoder of LaMa's loss, published by CSAIL's semantic-segmentation-pytorch.
+/// Address of the encoder in LaMa's perceptual loss, published by CSAIL's semantic-segmentation-pytorch.
 pub const RESNET_ADDRESS: &str = "http://sceneparsing.csail.mit.edu/model/pytorch/ade20k-resnet50dilated-ppm_deepsup/\
                                   encoder_epoch_20.pth";
 
