@@ -66,7 +66,9 @@ pub(super) fn execute(args: &AnalyzeArgs) -> anyhow::Result<Outcome> {
 fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
     let selection = args.metrics.selection()?;
     if let Some(key) = selection.keys().find(|key| key.is_masked()) {
-        anyhow::bail!("--metrics {key}: this experiment has no mask; name metrics without @");
+        anyhow::bail!(
+            "--metrics {key}: this experiment uses no masks; name metrics without @ and a mask"
+        );
     }
     let scorer = Scorer::with_options(
         &selection,

@@ -97,7 +97,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         }
         if explained.lacks_pairs() {
             output::remark(format!(
-                "warning: {}: these numbers exclude pairs whose scored picture was not kept",
+                "warning: {}: the readings exclude pairs whose scored picture was not kept",
                 explained.path.display()
             ));
         }

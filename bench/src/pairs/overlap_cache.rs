@@ -194,7 +194,7 @@ impl OverlapCache {
         if let Some(path) = self.path(key)
             && let Err(reason) = write(&path, key, table.clone())
         {
-            self.warn(format!("{reason}; overlaps are not kept"));
+            self.warn(format!("{reason}; measured overlaps are not cached"));
         }
         lock(&self.tables).insert(key.to_owned(), table);
     }

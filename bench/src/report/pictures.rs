@@ -263,7 +263,7 @@ pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
         match dataset.open(None) {
             Ok(open) => scenes.extend(open.scenes),
             Err(error) => observer.warn(&format!(
-                "no source and target pictures of '{}': {error}",
+                "source and target pictures of dataset '{}' are not available: {error}",
                 dataset.name
             )),
         }

@@ -307,7 +307,7 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
         }
     }
     let verdict = if implausible.is_empty() {
-        "plausible as the camera's space, OpenCV axes, metres".to_owned()
+        "plausible as metres in the camera's space with OpenCV axes".to_owned()
     } else {
         implausible.join("; ")
     };

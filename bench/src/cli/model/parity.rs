@@ -120,7 +120,7 @@ fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
 struct PortParity {
     #[serde(flatten)]
     differences: PortComparison,
-    /// PSNR between both renderings in the photograph's camera, dB; `null` if they are equal.
+    /// PSNR between the renderings of port and reference in the photograph's camera, dB; `null` if they are equal.
     rendered_psnr: Option<f64>,
     #[serde(skip)]
     psnr: f64,
@@ -180,7 +180,7 @@ impl Display for PortParity {
         }
         write!(
             f,
-            "PSNR between both, rendered from the photograph's camera: {:.2} dB",
+            "PSNR between port and reference, rendered from the photograph's camera: {:.2} dB",
             self.psnr
         )
     }
