@@ -56,9 +56,9 @@ pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
-    /// Which pairs of each dataset to show without --pair, ranked by the first metric: median, worst or best score, as the
-    /// mean over the ranked methods; or the pairs on which METHOD loses most against OTHER (datasets where METHOD never
-    /// loses are left out)
+    /// Which pairs of each dataset to show without --pair, ranked by the first metric: median, worst or best score, as
+    /// the mean over the ranked methods; or the pairs on which METHOD scores worst compared with OTHER (datasets where
+    /// METHOD is never worse are left out)
     #[arg(
         long,
         value_name = "median|worst|best|loses:METHOD:OTHER",
