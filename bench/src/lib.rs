@@ -15,7 +15,7 @@
 //! * [`track`]: comparison of two runs, a regression gate, and runs over time.
 //! * [`export`]: inputs for external methods, as files.
 //! * [`pictures`]: comparison of two pictures or two folders.
-//! * [`analyze`]: the paper's explanatory experiments.
+//! * [`analyze`]: the paper's experiment on the metrics' sensitivity to shifts.
 //! * [`train`]: training, validated by runs of this harness.
 //! * [`cli`]: the command line.
 

@@ -108,7 +108,10 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
 
     let info = run(dir.path(), &["gaussians", "info", "untagged.ply"]).ends_with(0);
     assert!(info.out.contains("not stated in the file"), "{}", info.out);
-    assert!(info.out.contains("plausible as the camera's space"));
+    assert!(
+        info.out
+            .contains("plausible as metres in the camera's space")
+    );
     // `gaussians info` recognises OpenGL's axes and millimetres.
     for (scale, words) in [
         (-1.0, "the axes may be OpenGL's"),

@@ -53,7 +53,11 @@ fn weights_are_made_checked_and_converted() {
     let tiny = dir.path().join("tiny.json");
     std::fs::copy(golden("tiny_config.json"), &tiny).unwrap();
     let said = run(dir.path(), &["weights", "check", "a.safetensors"]).ends_with(0);
-    assert!(said.out.contains("complete for tiny"), "{}", said.out);
+    assert!(
+        said.out.contains("the tensors of the network 'tiny'"),
+        "{}",
+        said.out
+    );
     std::fs::write(dir.path().join("page.pt"), b"<!DOCTYPE html>").unwrap();
     assert_eq!(run(dir.path(), &["weights", "check", "page.pt"]).code, 1);
 }

@@ -66,15 +66,15 @@ __all__ = [
 def metrics(prediction, target, metrics="paper", mask=None, layout=None, weights=None):
     """Scores of a prediction against its target: a dictionary from metric key to number.
 
-    Both are arrays or tensors of one size, uint8 or floats in 0..1 (sRGB): [H, W, 3] or [3, H, W], or batches [N, H, W, 3] or
-    [N, 3, H, W], for which each score is an array [N]. If both the first and the last axis of a picture have
-    length 3, the last is taken for the channels; ``layout="chw"`` or ``"hwc"`` sets the layout. ``metrics`` is a list of keys or
-    groups as for ``sharp-bench metrics --metrics``. ``mask`` [H, W] adds the scores inside the mask, under keys that end in ``@mask``.
-    ``weights`` maps a network to its file. Numbers equal those of the command line to the last digit.
+    ``prediction`` and ``target`` are arrays or tensors of one size, uint8 or floats in 0..1 (sRGB): [H, W, 3] or [3, H, W], or
+    batches [N, H, W, 3] or [N, 3, H, W], for which each score is an array [N]. If both the first and the last axis of a picture
+    have length 3, the last is taken for the channels; ``layout="chw"`` or ``"hwc"`` sets the layout. ``metrics`` is a list of
+    keys or groups as for ``sharp-bench metrics --metrics``. ``mask`` [H, W] adds the scores inside the mask, under keys that
+    end in ``@mask``. ``weights`` maps a network to its file. Numbers equal those of the command line to the last digit.
 
     Contiguous [H, W, 3] of uint8 or float32 is read in place from NumPy, torch on the CPU (also in ``channels_last``), and
     anything with DLPack or a buffer; other layouts and floats are converted first, picture by picture. Tensors are detached, and
-    copied from a GPU. The core holds a copy of the two pictures that it scores.
+    copied to the CPU if they are on a GPU. The core holds a copy of the two pictures that it scores.
 
     A metric that cannot be computed is left out with a warning if it belongs to a group; if it was named itself, it is an error.
     """
@@ -111,19 +111,19 @@ def _scorer(metrics, masked, weights):
 
 
 def conventions(metrics="all"):
-    """What each key means: window, borders, colour, weights, and the public code that computes the same."""
+    """What each metric key means: window, borders, colour, weights, and the public code that computes the same value."""
     return json.loads(_scorer(metrics, False, ()).conventions())
 
 
 def datasets(*specs, scenes=None):
-    """Opens datasets, each ``[NAME:]FORMAT=PATH[,key=value…]`` as ``--dataset`` takes it; ``scenes`` is a pattern of their ids."""
+    """Opens datasets, each given as for ``--dataset``, ``[NAME:]FORMAT=PATH[,key=value…]``; ``scenes`` is a pattern of scene ids."""
     if not specs:
         raise TypeError("a dataset is needed: [NAME:]FORMAT=PATH[,key=value…]")
     return _sharp_bench.datasets([os.fspath(spec) for spec in specs], scenes)
 
 
 def pairs(*specs, options="", scenes=None, out=None):
-    """The pairs of datasets by the paper's rules, changed by ``options`` as ``--pair-options`` takes them; also written to ``out``."""
+    """The pairs of datasets by the paper's rules, changed by ``options`` as ``--pair-options`` takes them; writes ``out``, if given."""
     table, notes = _sharp_bench.pairs(list(specs), scenes, options, out)
     _warn(notes)
     return table
@@ -150,7 +150,7 @@ def compare(a, b=None, methods=(), **options):
     """Compares run B with run A pair by pair; returns the dictionary of ``sharp-bench compare --json``.
 
     ``methods`` are labels, or ``(label in A, label in B)``; by default, methods with the same label are compared. Without ``b``,
-    ``methods`` names pairs of methods of one run. ``options`` are the command's: ``metrics=["psnr"]``, ``flips=True``.
+    ``methods`` names pairs of methods of one run. ``options`` are those of the command: ``metrics=["psnr"]``, ``flips=True``.
     """
     options["method"] = [f"{old}={new}" for old, new in _pairs(methods)]
     return _command("compare", [a] if b is None else [a, b], **options)
@@ -166,8 +166,8 @@ def sweep(*runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=
 def report(*runs, out=None, **options):
     """Writes the report of runs, each ``"NAME=RUN"`` or a path; returns the dictionary of ``sharp-bench report --json``.
 
-    ``options`` of this function and the four below are the command's, by name: ``methods=["a", "b"]``,
-    ``rename={"old": "New"}``, ``uncertainty="ci95"``, ``public=True``.
+    ``options`` are those of the command, by name: ``methods=["a", "b"]``, ``rename={"old": "New"}``, ``uncertainty="ci95"``,
+    ``public=True``. So are those of :func:`table`, :func:`figure`, :func:`gate` and :func:`history`.
     """
     return _command("report", runs, out=out, **options)
 
@@ -184,7 +184,7 @@ def figure(name, *runs, out, **options):
 
 def gate(baseline, candidate, fail_if=(), methods=(), **options):
     """Whether one run may replace another: the dictionary of ``sharp-bench gate --json``, whose ``["gate"]["state"]`` is
-    passed, fired or inconclusive. ``methods`` as for :func:`compare`."""
+    passed, fired or inconclusive. ``methods`` has the form that :func:`compare` takes."""
     options["method"] = [f"{old}={new}" for old, new in _pairs(methods)]
     return _command("gate", [], (3, 5), baseline=baseline, candidate=candidate, fail_if=list(fail_if), **options)
 
@@ -200,7 +200,7 @@ def _pairs(methods):
 
 
 def _command(name, arguments, answers=(), **options):
-    """Runs a command and returns its JSON. Exit code 4 (with warnings, which are passed on) and those in ``answers`` are not errors."""
+    """Runs a command and returns its JSON. Exit code 4 (with warnings, which are passed on) and the codes ``answers`` are not errors."""
     line = [sys.executable, "-m", "sharp_bench", name, *map(os.fspath, arguments), "--json"]
     for key, value in options.items():
         option = "--" + key.replace("_", "-")
@@ -303,8 +303,8 @@ def evaluate(
 
     An exception is recorded as a failure of the pair, and the other pairs continue. A stopped run (Ctrl-C stops it, too)
     continues when this function is called again. Finished pairs are reused as long as ``version`` is the same. By default, the
-    version is a hash of the function's source text. It does not change with what the function calls, so set a version that names
-    your weights.
+    version is a hash of the function's source text. It does not change if only code or weights that the function uses change,
+    so set a version that names your weights.
 
     ``methods`` are evaluated in addition (``"copy"``, ``"depth-splat"``, …), or alone if the function is ``None``. ``config`` is
     a ``run.toml``; ``options`` are those of ``sharp-bench run`` by name (``limit=10``, ``pairs="pairs.csv"``,
@@ -312,8 +312,8 @@ def evaluate(
     ``shard=(1, 4)``, ``"1/4"`` or ``"auto"`` in an array of Slurm, Kubernetes or AWS Batch evaluates this part of the pairs.
     Shards may share ``out`` or have a folder each; :func:`merge` joins them. Scores are byte for byte those of the whole run.
 
-    ``progress`` is called with the phase, the steps done and their number; True shows a bar (``tqdm``'s if it is installed, also
-    in notebooks).
+    ``progress`` is called with the phase, the number of steps done and that of all steps (0 if unknown); True shows a bar
+    (``tqdm``'s if it is installed, also in notebooks).
     """
     if privilege not in (None, "source-depth"):
         raise ValueError(f"privilege={privilege!r}: expected None or 'source-depth'")

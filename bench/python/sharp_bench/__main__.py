@@ -6,7 +6,7 @@ import sys
 
 
 def main():
-    # As in the program of its own: Mesa would complain on standard error, and Ctrl-C ends at once.
+    # Like the standalone program, silence a message of Mesa on standard error, and end at once on Ctrl-C.
     if "XDG_RUNTIME_DIR" not in os.environ and "MESA_VK_DEVICE_SELECT" not in os.environ:
         os.environ["NODEVICE_SELECT"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -5,11 +5,11 @@ import sys
 import numpy as np
 
 LAYOUTS = {"hwc": -1, "chw": -3}
-"""The axis of the channels."""
+"""The axis of the channels, by layout."""
 
 
 def array(name, value):
-    """A NumPy array, without a copy if possible: of a NumPy array, a CPU tensor, or anything with DLPack or a buffer."""
+    """Converts a NumPy array, a tensor, or anything with DLPack or a buffer to a NumPy array, without a copy if possible."""
     if isinstance(value, np.ndarray):
         return value
     torch = sys.modules.get("torch")

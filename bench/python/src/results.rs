@@ -99,7 +99,7 @@ pub(crate) fn means_text(py: Python<'_>, run: PathBuf) -> PyResult<String> {
 /// Scores against camera motion: a table, and one figure per metric.
 #[pyclass(frozen, module = "sharp_bench")]
 pub(crate) struct Sweep {
-    /// Column and SVG of each figure.
+    /// Metric key and SVG of each figure.
     figures: Vec<(String, String)>,
     #[pyo3(get)]
     csv: String,

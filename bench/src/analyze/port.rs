@@ -19,15 +19,17 @@ use crate::pairs::PosedCamera;
 
 /// Approximate number of Gaussians for testing an interpretation of the port's file, evenly spread over the file.
 const SAMPLE: usize = 4096;
-/// Median distance, as computed by [`Pair::distance`], below which Gaussians count as matched, in pixels.
+/// Gaussians count as matched if their median distance, as computed by [`Pair::distance`], is below this value, in
+/// pixels.
 const SAME_PLACE: f64 = 2.0;
 /// Factor by which one number must exceed another to count as clearly larger. Used to compare an
 /// attribute's median difference under two interpretations of the file, and the size of a common
 /// shift with its spread.
 const MUCH_LESS: f64 = 10.0;
-/// Largest median difference of an attribute that counts as agreement, in per cent: no other interpretation is chosen.
+/// Median differences of an attribute up to this value, in per cent, count as agreement; no other interpretation of the
+/// attribute is chosen then.
 const NEGLIGIBLE: f64 = 0.1;
-/// Minimum common shift of all Gaussians that is reported as a cause, in pixels.
+/// A common shift of all Gaussians is reported as a cause of differences only if it has at least this size, in pixels.
 const MIN_SHIFT: f64 = 0.05;
 /// Side of a cell of the neighbour search, in pixels.
 const CELL: f64 = 4.0;
@@ -428,7 +430,7 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// The possible forms of attribute `field`, with those of the other attributes as in `current`.
+/// All forms in which attribute `field` may be stored; all other attributes keep their form in `current`.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {

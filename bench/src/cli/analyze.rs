@@ -1,4 +1,4 @@
-//! `analyze`: the paper's explanatory experiments.
+//! `analyze`: repeats the paper's experiment on the metrics' sensitivity to shifts.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ use crate::io::pictures;
 use crate::pictures::keyed_scores::json_scores;
 use crate::report::figures::sheet::SheetMedium;
 
-/// Repeat the paper's explanatory experiments on your pictures
+/// Repeat the paper's experiment on the metrics' sensitivity to small shifts, on your pictures
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -38,13 +38,13 @@ enum AnalyzeCommand {
 
 /// Measure how much each metric reacts to a small shift of a picture, and to replacing the picture by its mean colour
 ///
-/// Reproduces the paper's table of sensitivity. A window moves over the picture, so that no border has to be filled in.
-/// Sub-pixel shifts are interpolated linearly; all pictures are rounded to 8 bits.
+/// Reproduces the paper's table of sensitivity. Shifting moves a window over the picture, so that no border has to be
+/// filled in. Sub-pixel shifts are interpolated linearly; all pictures are rounded to 8 bits.
 #[derive(Debug, Args)]
 struct TranslationArgs {
     /// The picture
     image: PathBuf,
-    /// Shifts in per cent of the width; the paper's by default
+    /// Shifts in per cent of the picture's width; the defaults are the paper's
     #[arg(long, value_name = "LIST", default_value = "0.1,1,5")]
     shifts: Shifts,
     #[command(flatten)]
@@ -66,7 +66,9 @@ pub(super) fn execute(args: &AnalyzeArgs) -> anyhow::Result<Outcome> {
 fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
     let selection = args.metrics.selection()?;
     if let Some(key) = selection.keys().find(|key| key.is_masked()) {
-        anyhow::bail!("--metrics {key}: this experiment has no mask; name metrics without @");
+        anyhow::bail!(
+            "--metrics {key}: this experiment uses no masks; name metrics without @ and a mask"
+        );
     }
     let scorer = Scorer::with_options(
         &selection,

@@ -26,9 +26,9 @@ enum CamerasCommand {
 
 /// Write every view's picture and camera: OUT/<dataset>/<scene>/<view>.png and .json
 ///
-/// For programs that work on views instead of pairs, such as monocular depth for `--overlap-depth`, reconstruction, or
-/// fitting of Gaussians. The pictures are exactly those that `run` scores: undistorted and resized. Names are
-/// percent-encoded as in pair ids.
+/// For programs that work on views instead of pairs, such as those that predict depth for `--overlap-depth`,
+/// reconstruct a scene, or fit Gaussians. The pictures are exactly those that `run` scores: undistorted and resized.
+/// Names are percent-encoded as in pair ids.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sharp-bench cameras export --dataset eth3d=data/eth3d --out views"

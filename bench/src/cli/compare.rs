@@ -21,7 +21,7 @@ use crate::track::compare::{CompareError, Practical, RunComparison, both_sides, 
 /// Differences are B − A over the same pairs. Pairs of one physical scene are correlated, so significance is computed
 /// over scenes. The verdict on B is `better` or `worse` if p < 0.05 after Holm's correction over the datasets of a
 /// metric. Otherwise, the verdict is `none` if all scores are equal or every difference in the confidence interval is
-/// too small to matter (--practical), and else `inconclusive`.
+/// too small to matter (--practical), and `inconclusive` if not.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -163,7 +163,7 @@ struct ShownComparison<'a> {
     comparison: &'a RunComparison,
     strata: &'a [Stratum],
     flips: &'a [Flips<'a>],
-    /// Whether the text lists the strata of pairs.
+    /// Whether the text also shows means by stratum (scene, baseline, rotation, overlap, relative motion).
     breakdown: bool,
     page: Option<&'a Path>,
 }

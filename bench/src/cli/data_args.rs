@@ -29,7 +29,7 @@ impl DatasetArgs {
     }
 }
 
-/// Prints which scenes were left out, and the assumptions that the readers noted.
+/// Prints which scenes were left out, and the assumptions that the dataset readers noted.
 pub(super) fn say_what_was_opened(datasets: &[OpenDataset]) {
     for dataset in datasets {
         for group in &dataset.left_out {
@@ -46,7 +46,7 @@ pub(super) fn say_what_was_opened(datasets: &[OpenDataset]) {
 /// Maximum number of notes printed per dataset.
 const NOTES: usize = 6;
 
-/// Prints the readers' notes, each with the first scene that it applies to.
+/// Prints the notes of the dataset readers, each with the first scene that it applies to.
 fn say_notes(dataset: &OpenDataset) {
     let mut notes: Vec<(&str, &str, usize)> = Vec::new();
     for scene in &dataset.scenes {

@@ -10,7 +10,7 @@ use crate::io::checkpoint::find_checkpoint;
 use crate::io::fingerprints;
 use crate::io::movie::mp4::ffmpeg_version;
 
-/// Show what this machine has, what is missing and how to get it
+/// Show which GPUs, weights and tools this machine has, and how to get those that are missing
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench doctor --json")]
 pub(super) struct DoctorArgs {

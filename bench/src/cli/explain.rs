@@ -19,12 +19,13 @@ use crate::scoring::Scoring;
 
 /// Explain why a score differs from the published number
 ///
-/// A published number depends on how its protocol is read. Rescores a run's kept predictions under every such reading
-/// that needs no new prediction. Readings differ in metric variants, masks, conversion to 8 bits (rounded, truncated or
-/// none), division of colours by alpha, cropping of borders, the averaging rule, and whether only the first of several
-/// scenes of one place counts. Each number of the published row gets a verdict: equal to one reading after rounding,
-/// ambiguous (equal to several, which are listed), or inside or outside the range of the readings. Readings that need
-/// other pairs or pictures are listed as not computed.
+/// A published number depends on details that its paper may leave open. Rescores a run's kept predictions under every
+/// interpretation (reading) of the evaluation protocol that needs no new prediction. Readings differ in metric
+/// variants, masks, conversion to 8 bits (rounded, truncated or none), division of colours by alpha, cropping of
+/// borders, the averaging rule, and whether only the first of several scenes of one place counts. Each number of the
+/// published row gets a verdict: equal to one reading after rounding, ambiguous (equal to several, which are listed),
+/// or inside or outside the range of the readings. Readings that need other pairs or pictures are listed as not
+/// computed.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -44,7 +45,7 @@ pub(super) struct ExplainArgs {
     /// The published row to compare with
     #[arg(long, value_name = "LABEL", default_value = "SHARP (ours)")]
     row: String,
-    /// Variants of the metrics to try
+    /// Metrics and variants to score, comma-separated
     #[arg(long, value_name = "LIST", default_value = "all,all@frustum")]
     metrics: String,
     /// Weights file of a network that LPIPS or DISTS uses: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
@@ -96,7 +97,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         }
         if explained.lacks_pairs() {
             output::remark(format!(
-                "warning: {}: these numbers exclude pairs whose scored picture was not kept",
+                "warning: {}: the readings exclude pairs whose scored picture was not kept",
                 explained.path.display()
             ));
         }

@@ -27,7 +27,7 @@ use crate::report::{ReportError, plots as report_plots, scenes};
 use sharp_plots::Figure;
 use sharp_plots::style::FigureStyle;
 
-/// Maximum number of printed problems with a sheet; `--json` prints all.
+/// Maximum number of problems printed for a sheet of pictures; `--json` prints all.
 const PROBLEMS: usize = 10;
 
 /// Make a figure of the paper from runs, in print quality
@@ -66,7 +66,7 @@ enum FigureCommand {
     FidelityTime {
         #[command(flatten)]
         runs: RunsArgs,
-        /// A metric of the runs
+        /// The metric to plot; the runs must have it
         #[arg(long, default_value_t = MetricKey::DISTS)]
         metric: MetricKey,
         /// An output folder of `speed`, or its speed.csv. These times replace the times recorded in the run, for the
@@ -81,14 +81,14 @@ enum FigureCommand {
         #[command(flatten)]
         pairs: PairsChoice,
     },
-    /// Methods or labelled runs as rows, pairs as columns
+    /// A grid of pictures: methods or labelled runs as rows, pairs as columns
     Ablation {
         #[command(flatten)]
         pictures: PicturesArgs,
         #[command(flatten)]
         pairs: PairsChoice,
     },
-    /// Methods as rows, targets of one source at growing baselines as columns
+    /// A grid of pictures: methods as rows, targets of one source view at growing baselines as columns
     ExtendedMotion {
         #[command(flatten)]
         pictures: PicturesArgs,
@@ -101,8 +101,8 @@ enum FigureCommand {
         pictures: PicturesArgs,
         #[command(flatten)]
         pairs: PairsChoice,
-        /// z-depth in the target's camera, DIR/PAIR_ID.npy, .npz, .exr, .pfm or .png [default: the depth of the kept
-        /// rendering (run --keep float), else the dataset's depth]
+        /// Folder of z-depth in the target's camera, DIR/PAIR_ID.npy, .npz, .exr, .pfm or .png [default: the depth of
+        /// the kept rendering (run --keep float), else the dataset's depth]
         #[arg(long, value_name = "DIR")]
         depth: Option<PathBuf>,
     },
@@ -150,8 +150,8 @@ struct UncertaintyArgs {
     /// The depth predicted for the mirrored picture, not mirrored back
     #[arg(long, value_name = "FILE", requires = "depth")]
     mirrored: Option<PathBuf>,
-    /// A checkpoint of SHARP or Depth Pro, or mini, to predict both depths with; for SHARP, the figure has a row for
-    /// each of the two layers
+    /// A checkpoint of SHARP or Depth Pro, or mini (the bundled small network), to predict both depths with; for SHARP,
+    /// the figure has a row for each of the two layers
     #[arg(
         long,
         value_name = "FILE",

@@ -27,8 +27,8 @@ Limits:
   psnr < -0.1 on eth3d       on one dataset; `on all` is the mean of the datasets
   psnr < -1 per scene        on the mean of each scene, significant or not
   |lpips| > 0.005            in either direction
-  seconds_per_pair > +10 %   10 % more than A, measured on the same class of device
-  peak_memory > +10 %        likewise
+  seconds_per_pair > +10 %   more than 10 % slower than A, on the same class of device
+  peak_memory > +10 %        more than 10 % above A's memory, on the same class of device
 
 Examples:
   sharp-bench gate --baseline main.zip --candidate runs/now \\
@@ -55,10 +55,10 @@ pub(super) struct GateArgs {
     /// Compare method OLD of A with method NEW of B [default: methods with the same label, or each run's only method]
     #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
     methods: Vec<(String, String)>,
-    /// Write JUnit XML
+    /// Write the result as JUnit XML
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
-    /// Write a comment for a pull request
+    /// Write the result as Markdown, for a comment on a pull request
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
     /// Print JSON

@@ -12,7 +12,7 @@ use crate::io::atomic_files::write_all_over_own;
 use crate::io::text::visible_line;
 use crate::track::history::{self, HistoryError};
 
-/// Track runs over time: means with intervals, and which run changed them
+/// Track the scores of runs over time: means with intervals, and the runs at which they changed
 ///
 /// A history is a folder with one small file per run: a bundle of the run's scores with label, commit and date. Entries
 /// are numbered in the order in which they were added and are never changed. Damaged entries are reported, and the exit

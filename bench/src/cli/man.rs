@@ -22,7 +22,7 @@ pub(super) struct ManArgs {
     json: bool,
 }
 
-/// Beginning of every manual page.
+/// Beginning of every generated page. An existing file is overwritten only if it begins with this.
 const MARK: &str = ".ie";
 
 pub(super) fn execute(args: &ManArgs) -> anyhow::Result<Outcome> {

@@ -37,7 +37,7 @@ impl Outcome {
         self.or(Self::of_problems(broken))
     }
 
-    /// `other` in place of `Done`; all other outcomes are kept.
+    /// `other` if `self` is `Done`, else `self`.
     pub(super) fn or(self, other: Self) -> Self {
         if self == Self::Done { other } else { self }
     }
@@ -108,7 +108,7 @@ pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
     })
 }
 
-/// The dataset error that `cause` is or wraps.
+/// The dataset error in `cause`; `None` if it neither is nor wraps one.
 fn dataset_error<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a DatasetError> {
     let of_pairs = |error: &'a PairError| match error {
         PairError::Dataset(error) => Some(error),

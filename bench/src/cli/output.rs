@@ -100,7 +100,7 @@ struct Phase {
     bar: ProgressBar,
     unit: String,
     failed: u64,
-    /// Time and progress when the last plain line was printed; initially, when the phase began.
+    /// Time, and number of steps done, when the last plain line was printed; initially, when the phase began.
     said: (Instant, u64),
     lines: usize,
 }

@@ -63,7 +63,7 @@ pub(super) struct ReportArgs {
     json: bool,
 }
 
-/// Runs, and what to show of them.
+/// Runs, and which of their methods, datasets and metrics to show.
 #[derive(Debug, Args)]
 pub(super) struct ShownRuns {
     /// Run folders or bundles

@@ -65,7 +65,8 @@ pub(super) struct RunArgs {
     /// auto/N, which read I from the scheduler
     #[arg(long, value_name = "I/N", requires = "plan")]
     shard: Option<Shard>,
-    /// Allow the plan's `command` methods to start their programs; first check a plan that someone else made
+    /// Allow the plan's `command` methods to start their programs; check a plan that someone else made before you allow
+    /// this
     #[arg(long, requires = "plan")]
     allow_programs: bool,
     /// Start no new unit once this much time has passed; then exit with code 75, as after SIGTERM or SIGUSR1. Times are

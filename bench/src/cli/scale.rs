@@ -83,7 +83,7 @@ struct SlurmArgs {
     /// Submit one array for all stages, instead of one for pictures (predictions and renderings) and one for scores
     #[arg(long)]
     one_array: bool,
-    /// Pass OPTION to sbatch for JOB: pictures, score, all (with --one-array), merge, or every for each of them;
+    /// Pass OPTION to sbatch for JOB: pictures, score, all (with --one-array), merge, or every (for all of these);
     /// repeatable
     #[arg(long = "sbatch", value_name = "JOB=OPTION", value_parser = option)]
     options: Vec<(String, String)>,

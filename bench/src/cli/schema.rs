@@ -23,7 +23,8 @@ enum SchemaFile {
     Manifest,
     /// units/*/*.json
     Unit,
-    /// A record for `report_from_records`: the result of a method on a pair, with its scores
+    /// A record: the result of a method on a pair, with its scores, as the library's example `report_from_records`
+    /// reads it
     Record,
     /// plan.json
     Plan,

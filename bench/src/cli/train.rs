@@ -18,7 +18,7 @@ use crate::pairs::DatasetConfig;
 use crate::pictures::keyed_scores::json_number;
 use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 
-/// Train a network with SHARP's architecture, in both stages
+/// Train a network with SHARP's architecture, in both of SHARP's training stages
 ///
 /// The configuration sets the network, losses, data, schedule and intervals; omitted keys have the paper's values. The
 /// same command resumes an interrupted run (Ctrl-C, SIGTERM, --time-budget); log and weights are then byte-identical to
@@ -39,7 +39,7 @@ Examples:
 Writes config.toml, network.json, log.csv, timing.csv, validation.csv, index.html, checkpoints/, the run folder
 validation/, and in the end weights.safetensors. bench/docs/train.md explains the configuration.")]
 pub(super) struct TrainArgs {
-    /// The configuration
+    /// The configuration, a TOML file
     #[arg(value_name = "CONFIG.toml")]
     config: PathBuf,
     /// Override a value of the configuration by its dotted key, as in stage1.steps=500 or losses.percep=0;

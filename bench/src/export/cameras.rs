@@ -1,8 +1,8 @@
 //! Exports every view of some scenes as `OUT/<dataset>/<scene>/<view>.{png,json}`, with names
 //! percent-encoded as in pair ids.
 //!
-//! Meant as input for tools that process single views: monocular depth for `--overlap-depth`, reconstructions,
-//! Gaussians.
+//! Meant as input for tools that process single views: that predict depth for `--overlap-depth`, reconstruct a scene,
+//! or fit Gaussians.
 
 use std::path::Path;
 

@@ -4,7 +4,7 @@
 //! * [`cameras`]: every view of some scenes, for producing depth maps or reconstructions.
 //! * [`camera_file`]: one camera in JSON.
 //! * [`viewer`]: an HTML page that draws Gaussians.
-//! * `file`: files that are written once.
+//! * `file`: files that are written only if missing or outdated.
 
 pub mod camera_file;
 pub mod cameras;

@@ -2,7 +2,7 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// The UTC day of a moment.
+/// The UTC day of a moment, `YYYY-MM-DD`.
 pub(crate) fn day(moment: SystemTime) -> String {
     let since = moment.duration_since(UNIX_EPOCH).unwrap_or_default();
     // Count years from March, so that the leap day comes last. Dates repeat every 400 years; one
@@ -20,7 +20,7 @@ pub(crate) fn day(moment: SystemTime) -> String {
     )
 }
 
-/// The UTC minute of a moment.
+/// The UTC minute of a moment, `YYYY-MM-DDTHH:MM`.
 pub(crate) fn minute(moment: SystemTime) -> String {
     let since = moment.duration_since(UNIX_EPOCH).unwrap_or_default();
     let minutes = since.as_secs() / 60;

@@ -195,7 +195,7 @@ fn read_as_marked(
                 );
                 Ok((scene, rule, Some(note)))
             }
-            // Report the error of the reading that was requested.
+            // Report the error of reading the file as requested.
             Err(error) => Err(linear.err().unwrap_or(error)),
         },
     }

@@ -27,7 +27,7 @@ pub struct HashedFile {
     stamp: Mutex<Option<FileStamp>>,
 }
 
-/// Metadata that change when a file's content does.
+/// Metadata of a file, which change when the file's content changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FileStamp {
     len: u64,

@@ -73,10 +73,10 @@ pub fn is_picture(path: &Path) -> bool {
     extension(path).is_some_and(|found| EXTENSIONS.contains(&found.as_str()))
 }
 
-/// Like [`read_as`], under the default rules.
+/// Reads a picture by the default rules; see [`read_as`].
 ///
 /// # Errors
-/// Those of [`read_as`].
+/// If [`read_as`] fails.
 pub fn read(path: &Path) -> Result<Picture, ReadError> {
     Ok(read_as(path, &PictureReading::default())?.picture)
 }
@@ -132,7 +132,7 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
 /// files. If the picture has an EXIF orientation, `rules` must say how to treat it.
 ///
 /// # Errors
-/// Those errors of [`read_as`] that the header reveals.
+/// If the header cannot be read, or has an EXIF orientation for which `rules` have no rule.
 pub fn dimensions(path: &Path, rules: &PictureRules) -> Result<Option<(u32, u32)>, ReadError> {
     match extension(path).as_deref() {
         Some("exr") => return exr_dimensions(path).map(Some),

@@ -9,9 +9,9 @@ use crate::pairs::build::{PairCounts, Problem, SPARSE_DENSITY};
 
 /// Suggested settings for datasets with sparse depth.
 const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth of your own, scaled to the dataset's as in \
-                     the paper), overlap=depth-pro or overlap=sharp-release (dense depth predicted by that \
-                     checkpoint, scaled likewise), or overlap=sparse:8 (the dataset's depth, which must agree \
-                     within 8 pixels)";
+                     the paper), overlap=depth-pro or overlap=sharp-release (dense depth predicted by the \
+                     checkpoint of that name, scaled in the same way), or overlap=sparse:8 (the dataset's depth, which \
+                     must agree within 8 pixels)";
 
 /// One line with the counts of a dataset's pairs.
 pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {

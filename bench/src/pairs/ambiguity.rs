@@ -12,14 +12,14 @@ use super::dataset::OpenDataset;
 use super::options::PairOptions;
 use super::overlap_cache::OverlapCache;
 
-/// The subject whose choices also apply to stereo datasets; all other subjects apply to multi-view datasets only.
+/// Heading of the sampling options, the only group of choices that also applies to stereo datasets.
 const SAMPLING: &str = "sampling";
 
-/// Subject of alternative reader settings.
+/// Heading of the alternative settings of dataset readers.
 const READING: &str = "dataset reading";
 
-/// The alternatives by subject. Each text contains the changes of one subject, separated by spaces; [`PairOptions`]
-/// parses each change.
+/// The alternatives, grouped under headings. Each text contains the changes of one group, separated by spaces;
+/// [`PairOptions`] parses each change.
 const ALTERNATIVES: [(&str, &str); 10] = [
     ("threshold", "threshold=0.5 threshold=0.7 at-threshold=in"),
     (
@@ -48,7 +48,7 @@ const ALTERNATIVES: [(&str, &str); 10] = [
     ),
 ];
 
-/// Number of pairs of a dataset under some options.
+/// Numbers of a dataset's pairs under one set of options.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Count {
     pub qualified: usize,
@@ -60,7 +60,7 @@ pub struct Count {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Alternative {
     pub about: &'static str,
-    /// The change, `key=value`; empty for the base.
+    /// The change, `key=value`; empty for the base options.
     pub change: String,
     #[serde(rename = "datasets")]
     pub counts: BTreeMap<String, Count>,

@@ -14,7 +14,7 @@ use sharp_datasets::left_out::LeftOutScenes;
 use super::error::PairError;
 use crate::pairs::DatasetConfig;
 
-/// Label of the mean over several datasets; reserved as a dataset name.
+/// Label of the mean over several datasets; no dataset may have this name.
 pub const ALL_DATASETS: &str = "all";
 
 #[derive(Debug, Clone)]
@@ -22,7 +22,7 @@ pub struct OpenDataset {
     pub name: String,
     /// The configuration as given.
     pub config: DatasetConfig,
-    /// The reader with all its settings except the folder. They determine how files are interpreted.
+    /// The format and all settings of the reader (not its folder) as text; they determine how files are interpreted.
     pub settings: String,
     /// Settings for details that the paper leaves open.
     pub readings: Vec<DatasetReading>,
@@ -45,8 +45,8 @@ pub struct DatasetReading {
 }
 
 impl OpenDataset {
-    /// Opens datasets; names must be unique, because they are columns. `scenes` is a pattern with `*` and `?` that
-    /// scene ids must match. A scene that cannot be read is added to [`Self::left_out`].
+    /// Opens datasets; names must be unique, because tables have a column for each. `scenes` is a pattern with `*` and
+    /// `?` that scene ids must match. A scene that cannot be read is added to [`Self::left_out`].
     ///
     /// # Errors
     /// If a dataset or all of its scenes cannot be read, a name occurs twice, or no scene matches.
@@ -86,7 +86,7 @@ impl OpenDataset {
     /// Opens a dataset with the settings that a run recorded, even if a default has changed since.
     ///
     /// # Errors
-    /// Those of [`Self::open_all`], but it is not an error if no scene matches.
+    /// If the dataset or all of its scenes cannot be read. It is not an error if no scene matches.
     pub fn open_recorded(
         config: &DatasetConfig,
         recorded: &[DatasetReading],
@@ -131,7 +131,7 @@ impl OpenDataset {
             readings.push(DatasetReading {
                 key: "frame".to_owned(),
                 value: frame.to_string(),
-                // The paper scores at full resolution, so any frame differs from it.
+                // The paper scores at full resolution, so any resizing differs from the paper.
                 proxy: true,
                 open: false,
             });
@@ -172,7 +172,8 @@ impl OpenDataset {
         groups.map(|group| group.views.len()).sum()
     }
 
-    /// Why a scene was left out, alone or with a folder above it; `None` if it was read or does not exist.
+    /// Why a scene was left out, alone or with a folder that contains it; `None` if the scene was read or does not
+    /// exist.
     pub fn leaves_out(&self, scene: &str) -> Option<&LeftOutScenes> {
         let holds = |id: &String| {
             let rest = scene.strip_prefix(id.as_str());
@@ -219,7 +220,7 @@ impl OpenDataset {
         self.scenes.iter().flat_map(of_scene).collect()
     }
 
-    /// The settings in force, as comma-separated `key=value`.
+    /// The settings in [`Self::readings`], as comma-separated `key=value`.
     pub fn readings_text(&self) -> String {
         let readings = self.readings.iter();
         let texts: Vec<String> = readings.map(|r| format!("{}={}", r.key, r.value)).collect();

@@ -51,7 +51,8 @@ pub struct ViewDescription {
 pub struct ScaledCamera {
     /// Name of the scale, as in `imported:scales=`.
     pub scale: String,
-    /// The motion with its translation multiplied by the scale, in the method's own units of length.
+    /// [`PairDescription::target_from_source`] with its translation multiplied by the scale, in the method's own units
+    /// of length.
     pub target_from_source: [f64; 16],
     /// File of the prediction at this scale.
     pub file: String,
@@ -125,7 +126,7 @@ impl PosedCamera {
         (self.intrinsics.width, self.intrinsics.height)
     }
 
-    /// Maps points from this camera's coordinates to another's.
+    /// The transform from this camera's coordinates to those of `other`, in metres.
     pub fn to(&self, other: &Self) -> RigidTransform {
         other
             .camera_from_world

@@ -22,7 +22,7 @@ use crate::io::view_hashes::{ViewHashes, lock};
 
 const FORMAT: u32 = 3;
 
-/// Both overlaps of views a < b, by index in the scene.
+/// The two overlaps of views a and b, where a < b are their indices in the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Overlaps {
     /// Share of a's pixels visible in b.
@@ -36,7 +36,7 @@ pub(super) struct Overlaps {
 pub(super) struct DepthFacts {
     /// Median of the valid depths, in metres.
     pub(super) median_m: f64,
-    /// See [`density`](crate::pairs::valid_depth::density).
+    /// The map's [density](crate::pairs::valid_depth::density).
     pub(super) density: f64,
 }
 
@@ -67,7 +67,8 @@ impl SceneOverlaps {
         self.couple(a, b).is_some() || self.has_none(a) || self.has_none(b)
     }
 
-    /// The share of the target that is visible in the source, and the reverse; `None` without depth.
+    /// The share of the target that is visible in the source, and the share of the source that is visible in the
+    /// target; `None` if either is unknown.
     pub(super) fn overlaps(&self, source: usize, target: usize) -> Option<(f64, f64)> {
         let found = (*self.couple(source, target)?)?;
         Some(if target < source {
@@ -103,8 +104,8 @@ struct TableFile {
     content: SceneOverlaps,
 }
 
-/// Tables of scenes, in memory and optionally in files. Files that cannot be read or written are skipped with a
-/// warning.
+/// Measured overlaps of scenes, in memory and optionally in files. Files that cannot be read or written are skipped
+/// with a warning.
 #[derive(Debug, Default)]
 pub struct OverlapCache {
     folder: Option<PathBuf>,
@@ -127,7 +128,7 @@ impl OverlapCache {
         }
     }
 
-    /// The folder in the user's cache; see [`sharp_metrics::weights::user_cache`].
+    /// The folder of measured overlaps in the user's cache; see [`sharp_metrics::weights::user_cache`].
     pub fn users_folder() -> Option<PathBuf> {
         Some(sharp_metrics::weights::user_cache()?.join("overlap"))
     }
@@ -193,7 +194,7 @@ impl OverlapCache {
         if let Some(path) = self.path(key)
             && let Err(reason) = write(&path, key, table.clone())
         {
-            self.warn(format!("{reason}; overlaps are not kept"));
+            self.warn(format!("{reason}; measured overlaps are not cached"));
         }
         lock(&self.tables).insert(key.to_owned(), table);
     }

@@ -80,7 +80,8 @@ impl PairRecipe {
         }
     }
 
-    /// Checks that choices and files fit together. Depth maps without another source of depth select `overlap=given`.
+    /// Checks that choices and files fit together. If depth maps are given and no source of depth is set, sets
+    /// `overlap=given`.
     ///
     /// # Errors
     /// [`PairError::Recipe`] names the option that is missing or not applicable.
@@ -375,9 +376,9 @@ pub enum PairOrigin {
         recipe: Box<PairRecipe>,
         cache: Option<OverlapCache>,
     },
-    /// An existing list.
+    /// An existing list, read from this path.
     Given(PathBuf),
-    /// The list of a plan in this run folder.
+    /// The list of the plan in the run folder at this path.
     Planned(PathBuf),
 }
 

@@ -37,7 +37,7 @@ struct Found {
 }
 
 impl SceneChecks {
-    /// Caches results next to measured overlaps, in a folder that need not exist; `None` disables caching.
+    /// Results are cached next to measured overlaps, whose folder `overlaps` need not exist; `None` disables caching.
     pub fn new(overlaps: Option<PathBuf>) -> Self {
         Self {
             folder: overlaps.map(|folder| folder.join("checks")),

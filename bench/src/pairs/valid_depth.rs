@@ -1,4 +1,4 @@
-//! Valid values of a depth map, their median and share.
+//! Valid values of a depth map, their median and density.
 
 use sharp_datasets::DepthMap;
 
@@ -7,9 +7,9 @@ pub fn is_valid_depth(depth: f32) -> bool {
     depth > 0.0 && depth < f32::INFINITY
 }
 
-/// Of a map's valid pixels that have a right neighbour, the share whose right neighbour is valid, 0..1; 1 if there are
-/// no such pixels. It is near 1 for an object in front of an empty background, and about the share of valid pixels for
-/// scattered points.
+/// Share of a map's valid pixels whose right neighbour is valid, too, 0..1. Pixels without a right neighbour do not
+/// count; 1 if no other pixels are valid. It is near 1 for an object in front of an empty background, and about the
+/// share of valid pixels for scattered points.
 pub fn density(depth: &DepthMap) -> f64 {
     let width = depth.width().max(1) as usize;
     let rows = depth.as_raw().chunks_exact(width);

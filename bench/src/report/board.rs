@@ -17,7 +17,7 @@ use crate::methods::{KINDS, MethodIdentity};
 use super::column::Column;
 use super::error::ReportError;
 
-/// The data behind tables and plots.
+/// Results as a grid of datasets, pairs and methods, from which tables and plots are made.
 #[derive(Debug)]
 pub struct Board<'a> {
     /// Datasets, in the order of the run.
@@ -39,11 +39,11 @@ pub struct DatasetBoard<'a> {
 pub struct PairBoard<'a> {
     /// A record of the pair by some method, for facts that do not depend on the method.
     pub facts: &'a Record,
-    /// Records by method, in the order of [`Board::methods`]; `None` if the method has no record.
+    /// The pair's records, in the order of [`Board::methods`]; `None` for methods without a record of the pair.
     pub by_method: Vec<Option<&'a Record>>,
 }
 
-/// A column group of the tables.
+/// A dataset of the report: a column group of the tables.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportDataset {
     /// Name as in the records: the user's choice, or the format by default.
@@ -59,7 +59,7 @@ pub struct ReportDataset {
     pub aggregation: Aggregation,
 }
 
-/// A row of the tables.
+/// A method of the report: a row of the tables.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportMethod {
     /// Label as in the records.
@@ -70,8 +70,8 @@ pub struct ReportMethod {
     pub unranked: Option<String>,
     /// Whether the method is trivial, so that every real method is expected to beat it.
     pub is_baseline: bool,
-    /// Whether plots and sheets show the method. They leave out `target` and `mean`, which would stretch the axes,
-    /// unless the user lists these methods or there are no others.
+    /// Whether plots and sheets show the method. The methods `target` and `mean`, which would stretch the axes, are
+    /// left out unless the user lists them or there are no other methods.
     pub is_plotted: bool,
     /// Name of the kernel that resized predictions of another size, if known.
     pub resize_kernel: Option<String>,
@@ -162,7 +162,7 @@ impl<'a> Board<'a> {
         methods.filter_map(|(i, method)| method.is_plotted.then_some(i))
     }
 
-    /// Pluralised names with their counts, for the page's summary.
+    /// What the page's summary counts, as singular nouns with their numbers. `metrics` is the number of metrics.
     pub fn counts(&self, metrics: usize) -> [(&'static str, usize); 6] {
         let pairs = || self.datasets.iter().flat_map(|d| &d.pairs);
         let scenes = pairs().map(|pair| (&pair.facts.dataset, &pair.facts.scene));

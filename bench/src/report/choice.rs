@@ -5,9 +5,10 @@ use sharp_metrics::Direction;
 use super::board::{Board, PairBoard};
 use super::column::Column;
 
-/// Chooses at most `limit` pairs, each with the index of its dataset. Datasets share the limit equally; what a dataset
-/// with few pairs does not use goes to the others. Half of each share goes to the pairs with the largest `badness`. If
-/// `evenly`, the other half is spread over the remaining pairs; otherwise it goes to those with the smallest `badness`.
+/// Chooses at most `limit` pairs, each with the index of its dataset. Datasets share the limit equally; a dataset with
+/// fewer pairs than its share leaves the rest to the other datasets. Half of each share goes to the pairs with the
+/// largest `badness`. If `evenly`, the other half is spread over the remaining pairs; otherwise it goes to those with
+/// the smallest `badness`.
 pub(super) fn choose<'a>(
     board: &'a Board<'a>,
     limit: usize,

@@ -5,7 +5,7 @@ use sharp_metrics::{Direction, MetricInfo, MetricKey};
 
 use super::error::ReportError;
 
-/// Known extras of methods: key, label, decimals and meaning.
+/// Quantities that methods may report about their predictions: key, label, decimals and meaning.
 const REPORTED: [(&str, &str, usize, &str); 10] = [
     (
         "mean_alpha",

@@ -1,7 +1,8 @@
 //! Prediction errors as pictures: mean absolute error over the channels, in false colour.
 //!
-//! The colours are matplotlib's *inferno* (S. van der Walt and N. Smith, CC0), through the sixth-degree polynomials
-//! that M. Zucker fitted to it (CC0). Equal steps of error look like equal steps, and the order is preserved in grey.
+//! The colours are matplotlib's *inferno* (S. van der Walt and N. Smith, CC0), approximated by the sixth-degree
+//! polynomials that M. Zucker fitted to them (CC0). Equal steps of error look like equal steps, and larger errors stay
+//! brighter if the picture is converted to grey.
 
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 
@@ -106,7 +107,7 @@ pub fn picture(
     }))
 }
 
-/// Minimum share of scored pixels among those that a reduced pixel covers. Below it, the reduced pixel is hatched.
+/// A reduced pixel is hatched if less than this share of the pixels that it covers is scored.
 const MIN_SCORED: f32 = 0.5;
 
 /// Values in colour, reduced to fit `side` pixels by averaging over scored pixels. A reduced pixel is [`hatched`] if
@@ -138,7 +139,8 @@ pub(super) fn averaged(
 }
 
 /// How the error changed between two predictions: vermilion where it grew, blue where it shrank, grey where it is
-/// equal. The scale ends at ±`max`. Reduction and hatching are as in [`picture`].
+/// equal. The scale ends at ±`max`. Like [`picture`], the result is reduced to fit `side` pixels, and hatched where
+/// pixels are not scored.
 ///
 /// # Errors
 /// If the sizes differ.

@@ -20,19 +20,21 @@ use super::{error_map, view_maps};
 pub(super) const PAIRS_IN_FILE: usize = 24;
 /// Absolute error (0..1, mean over the channels) at the top of the error maps' colour scale.
 pub(super) const ERROR_MAX: f32 = 0.5;
-/// Change of the absolute error at both ends of its colour scale.
+/// Change of the absolute error (0..1) at the ends of its colour scale, which reaches from minus to plus this value.
 pub(super) const CHANGE_MAX: f32 = 0.2;
 /// Minimum longer side of pictures in a single-file page, in pixels. To save space, the page shows fewer pairs rather
 /// than smaller pictures.
 const MIN_SIDE: u32 = 240;
-/// Minimum longer side of pictures in a folder, in pixels. It is smaller, because a folder must show all pairs.
+/// Minimum longer side of pictures in a folder, in pixels. It is smaller than [`MIN_SIDE`], because a folder must show
+/// all pairs.
 const MIN_SIDE_IN_FOLDER: u32 = 96;
 /// Number of pairs per dataset that are encoded to estimate the size of all pictures.
 const PROBES: usize = 5;
-/// Share of the budget that pictures are sized to fill. The rest is a margin, because file sizes are estimates.
+/// Sizes of pictures are chosen to fill this share of the byte budget. The rest is a margin, because file sizes are
+/// estimates.
 const TARGET_FILL: f64 = 0.9;
 
-/// Kind of a pair's picture: first the kinds for the two views, then those for a prediction.
+/// Kind of a pair's picture: first the kinds that show a view, then those that show a prediction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PictureKind {
     Source,

@@ -258,7 +258,7 @@ fn deviations(manifest: &Manifest, records: &[Record]) -> String {
         .iter()
         .any(|list| list.origin == ListOrigin::Given && list.choices.is_empty())
     {
-        others.push("a given pair list without its options".to_owned());
+        others.push("a given pair list, whose options are not recorded".to_owned());
     }
     if let Some(protocol) = manifest
         .protocol

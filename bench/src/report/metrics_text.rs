@@ -34,7 +34,7 @@ impl MethodsText {
         let infos: Vec<MetricInfo> = keys.iter().map(|key| MetricInfo::new(*key, used)).collect();
         let before = format!(
             "All metrics were computed per image with \\texttt{{sharp-bench}} {} on 8-bit sRGB images at the full \
-             resolution of the ground truth and averaged over images; images are not resized unless said so.",
+             resolution of the ground truth and averaged over images; images are not resized unless stated otherwise.",
             env!("CARGO_PKG_VERSION")
         );
         Self::of(vec![before], &infos, Vec::new())

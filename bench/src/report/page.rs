@@ -56,7 +56,7 @@ pub struct Page<'a> {
     pub metrics: &'a [Column],
     pub extras: &'a [Column],
     pub facts: &'a [FactGroup],
-    /// Pluralised names and counts, as in [`Board::counts`].
+    /// The nouns and numbers of [`Board::counts`].
     pub counts: [(&'static str, usize); 6],
     pub board: &'a Board<'a>,
     pub ours: &'a [Table],
@@ -96,7 +96,7 @@ impl Page<'_> {
         style(*method).ink.hex()
     }
 
-    /// Whether some pixels of some target are not scored.
+    /// Whether any target has pixels that are not scored.
     fn excludes_pixels(&self) -> bool {
         let mut records = self.results.records.iter();
         records.any(|r| r.crop.is_some() || r.valid_share.is_some())
@@ -118,7 +118,7 @@ impl Page<'_> {
         self.link(&kept.filter(|_| record.crop.is_none())?)
     }
 
-    /// Link to a page by `render --viewer` next to the kept prediction; `None` if there is none.
+    /// Link to the page that `render --viewer` wrote next to the kept prediction; `None` if there is no such page.
     pub(super) fn viewer_path(&self, record: &Record) -> Option<String> {
         let page = self.pictures.linked(record)?.with_extension("html");
         page.is_file().then(|| self.link(&page))?

@@ -90,7 +90,7 @@ impl<'a> ReportPictures<'a> {
         })
     }
 
-    /// A view of a record's scene, by id.
+    /// The view of a record's scene that has this id.
     ///
     /// # Errors
     /// If the dataset is not available, or its pictures are withheld.
@@ -120,7 +120,7 @@ impl<'a> ReportPictures<'a> {
     /// The source photograph given to the method.
     ///
     /// # Errors
-    /// The reason if it is missing.
+    /// [`MissingPicture`] states why the photograph is missing.
     pub fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
         self.photograph(record, &record.source)
     }
@@ -128,7 +128,7 @@ impl<'a> ReportPictures<'a> {
     /// The photograph of the target, at the scored size.
     ///
     /// # Errors
-    /// The reason if it is missing.
+    /// [`MissingPicture`] states why the photograph is missing.
     pub fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
         self.photograph(record, &record.target)
     }
@@ -142,7 +142,7 @@ impl<'a> ReportPictures<'a> {
     /// Mask of the target at the target's size, with 255 for scored pixels. `None` if the dataset excludes no pixels.
     ///
     /// # Errors
-    /// The reason if it is unknown.
+    /// [`MissingPicture`] states why the mask is unknown.
     pub fn valid_pixels(&self, record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
         let valid = self.view(record, &record.target)?.content.valid_pixels();
         valid.map_err(|error| self.unusable(error))
@@ -151,7 +151,7 @@ impl<'a> ReportPictures<'a> {
     /// z-depth of a record's view, in metres, 0 where unknown. `None` if the dataset has no depth or is not available.
     ///
     /// # Errors
-    /// The reason if it cannot be read.
+    /// [`MissingPicture`] states why the depth cannot be read.
     pub fn depth(&self, record: &Record, id: &str) -> Result<Option<DepthMap>, MissingPicture> {
         match self.view(record, id) {
             Ok(view) => view.content.depth().map_err(|error| self.unusable(error)),
@@ -185,7 +185,7 @@ impl<'a> ReportPictures<'a> {
     /// target, on black.
     ///
     /// # Errors
-    /// The reason if it is missing.
+    /// [`MissingPicture`] states why the prediction is missing.
     pub fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
         let file = self.kept_file(record)?;
         let picture = read_rgb8(&file).map_err(|error| self.unusable(error))?;
@@ -210,7 +210,7 @@ impl<'a> ReportPictures<'a> {
     /// Coverage of a rendering in 0..1, at its own size; `None` if the rendering was not kept.
     ///
     /// # Errors
-    /// The reason if it cannot be read.
+    /// [`MissingPicture`] states why the rendering cannot be read.
     pub fn alpha(&self, record: &Record) -> Result<Option<Alpha>, MissingPicture> {
         let Some(path) = self.rendering(record)? else {
             return Ok(None);
@@ -222,7 +222,7 @@ impl<'a> ReportPictures<'a> {
     /// Expected z-depth of a rendering, in metres, 0 where nothing was drawn; `None` if the rendering was not kept.
     ///
     /// # Errors
-    /// The reason if it cannot be read.
+    /// [`MissingPicture`] states why the rendering cannot be read.
     pub fn rendered_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
         let Some(path) = self.rendering(record)? else {
             return Ok(None);
@@ -263,7 +263,7 @@ pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
         match dataset.open(None) {
             Ok(open) => scenes.extend(open.scenes),
             Err(error) => observer.warn(&format!(
-                "no source and target pictures of '{}': {error}",
+                "source and target pictures of dataset '{}' are not available: {error}",
                 dataset.name
             )),
         }

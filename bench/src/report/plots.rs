@@ -50,7 +50,7 @@ const NAME_SIZE: f64 = 11.5;
 /// Lettering of the methods' names below columns of points.
 const NAME: Lettering = Lettering::new(NAME_SIZE, MUTED, Anchor::Middle);
 
-/// The known baselines of a dataset, ascending, and their bins.
+/// The baselines of a dataset's pairs, as far as known, in ascending order, and their bins.
 struct Baselines {
     metres: Vec<f64>,
     cuts: Cuts,

@@ -15,12 +15,13 @@ pub struct CellStatistics {
     pub n: usize,
     /// Number of pairs in the dataset.
     pub total: usize,
-    /// Mean over the pairs with a score, in the order of their ids, by the dataset's
-    /// [`Aggregation`](crate::evaluate::Aggregation). Infinite if a score is; `None` if there are no scores.
+    /// Mean over the pairs with a score (added up in the order of their ids), by the dataset's
+    /// [`Aggregation`](crate::evaluate::Aggregation). Infinite if any score is infinite; `None` if there are no scores.
     pub mean: Option<f64>,
-    /// Sample standard deviation over pairs (divisor n − 1). `None` for fewer than two scores or an infinite one.
+    /// Sample standard deviation over pairs (divisor n − 1). `None` for fewer than two scores, or if a score is
+    /// infinite.
     pub std: Option<f64>,
-    /// Mean of each physical scene, in the order of their names.
+    /// Mean score of each physical scene, in the order of the scenes' names.
     pub scenes: Vec<f64>,
     /// Spread over scenes. `None` if there is only one scene or a score is infinite.
     pub spread: Option<Spread>,
@@ -31,11 +32,11 @@ pub struct CellStatistics {
     pub failures: Vec<(String, usize)>,
     /// Reasons for missing scores of successful predictions, with their counts, in the order of their first occurrence.
     pub absences: Vec<(String, usize)>,
-    /// Indices, in the dataset, of the pairs with a score.
+    /// Indices of the pairs with a score in the dataset's list of pairs.
     pub scored: Vec<usize>,
 }
 
-/// Uncertainty shown as ± after a mean. Scenes are the sampling units, as in a comparison.
+/// Uncertainty shown as ± after a mean. It is computed over scenes rather than pairs, as in `compare`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Uncertainty {
     /// Standard deviation of the scenes' means

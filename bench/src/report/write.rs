@@ -42,7 +42,7 @@ pub struct ReportFiles {
     pub not_scored: Vec<PathBuf>,
 }
 
-/// List of a report's files. The next report finds obsolete files by it.
+/// List of a report's files, by which the next report in the folder finds obsolete files.
 const LIST: &str = "files.txt";
 
 const PAGE: &str = "index.html";
@@ -190,7 +190,8 @@ pub fn report(
     })
 }
 
-/// A copy of the results for publishing, without folders of this machine in reasons, and without paths of datasets.
+/// A copy of the results for publishing, without this machine's folders in reasons for failures, and without paths of
+/// datasets.
 fn without_paths(results: &Results) -> Results {
     let mut results = results.clone();
     for record in &mut results.records {
@@ -257,9 +258,9 @@ fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Tabl
     (metrics, tables)
 }
 
-/// Fails if the folder is neither empty nor a report, or if a subfolder of the report is a link. The mark in its page
-/// identifies a report. If the page was not written yet, a list of files that names the page does. Ignores files whose
-/// names begin with a dot.
+/// Fails if the folder is neither empty nor a report, or if a subfolder of the report is a link. A report is recognised
+/// by the mark in its page or, if the page was not written yet, by a list of files that names the page. Ignores files
+/// whose names begin with a dot.
 fn check_folder(out: &Path) -> Result<(), FileError> {
     let refused = |path: &Path, reason: &str| {
         let reason = format!("{reason}; choose another folder with --out");

@@ -25,7 +25,8 @@ const MAX_SHARDS: usize = 100_000;
 /// Writes `job.yaml` and `merge.yaml`; returns their paths.
 ///
 /// # Errors
-/// As for [`super::slurm()`].
+/// If there is no plan, its folder is not below the mount point, there are too many shards, or an existing file that
+/// would be overwritten was not written by this program.
 pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
     let Kubernetes { shards, out, .. } = request;
     if !shards.plan.starts_with(&request.mount) {

@@ -1,4 +1,4 @@
-//! Slurm array jobs, one per stage, and a script that submits the remaining ones.
+//! Slurm array jobs, one per stage of the run, and a script that submits the shards that are not finished yet.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Training run by the harness: validated by its own evaluation, with a page that shows progress.
+//! Trains networks: the harness's own evaluation validates the weights, and a page shows progress.
 //!
 //! | in the folder, besides [the files of `sharp_train`](sharp_train::trainer) | |
 //! |---|---|
@@ -132,7 +132,7 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     })
 }
 
-/// Above this weight, the perceptual loss with VGG16 outweighs all other losses.
+/// A larger weight of the perceptual loss with VGG16 causes a warning, because this loss then outweighs all others.
 const MAX_VGG_WEIGHT: f64 = 0.3;
 
 /// Number of steps per stage whose loss and time are reported.
@@ -158,7 +158,8 @@ impl Watcher for Watching<'_> {
         if std::mem::take(&mut self.page_due)
             && let Err(error) = page::write(self.folder, self.perceptual_network, self.observer)
         {
-            self.observer.warn(&format!("no page: {error}"));
+            self.observer
+                .warn(&format!("index.html was not written: {error}"));
         }
         let name = format!("stage {}", stage.number());
         if self.phase.replace(stage) != Some(stage) {

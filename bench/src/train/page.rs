@@ -176,7 +176,7 @@ fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
         });
     }
     let caption = "Mean over each stretch of steps; shade: ± one sample standard deviation; \
-                   hollow: a single step. Losses are before their weights, the gradient's norm \
+                   hollow: a single step. Losses are shown before weighting, the gradient's norm \
                    before clipping; steps are counted across both stages.";
     let figure = figure("Losses", caption, &[], &panels, None);
     Ok(Some(figure.map_err(ReportError::from)?))

@@ -1,5 +1,5 @@
-//! How much each metric changes if a picture is shifted a little, or replaced by its mean colour:
-//! the paper's case for DISTS and LPIPS.
+//! How much each metric changes if a picture is shifted a little, or replaced by its mean colour: the paper's argument
+//! for DISTS and LPIPS.
 //!
 //! A shift moves a window over the picture, so no border is filled in and nothing wraps around. The
 //! reference is the window at the picture's left edge, a shifted picture is the window moved to the

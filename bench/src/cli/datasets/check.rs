@@ -59,8 +59,8 @@ fn report_text(report: &DatasetReport) -> String {
     )
 }
 
-/// Describes how well neighbouring views agree under the dataset's camera convention, and under the best of the other
-/// conventions.
+/// Describes how well neighbouring views agree under the dataset's camera convention, and under the best alternative
+/// convention.
 fn poses(found: &Consistency) -> String {
     let levels = |fit: &Fit| match fit.colour_levels {
         Some(levels) => format!(", colours differ by {levels:.1} levels"),

@@ -47,8 +47,8 @@ enum DatasetsCommand {
         /// Datasets to check, [NAME:]FORMAT=PATH[,key=value…]
         #[arg(required = true, value_name = "SPEC", value_parser = clap_dataset)]
         datasets: Vec<DatasetConfig>,
-        /// Number of views to decode per scene, evenly spaced; of the other views, only the existence of the files is
-        /// checked
+        /// Number of views to decode per scene, evenly spaced; the files of the other views are only checked for
+        /// existence
         #[arg(long, value_name = "N", default_value_t = 10)]
         views: usize,
         /// Print JSON

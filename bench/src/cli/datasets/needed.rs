@@ -31,7 +31,7 @@ struct Needed {
 struct Listed {
     #[serde(flatten)]
     file: RequiredFile,
-    /// Whether the file exists under one of its possible names.
+    /// Whether the file exists under one of its possible names; `None` if the dataset's folder is unknown.
     present: Option<bool>,
 }
 

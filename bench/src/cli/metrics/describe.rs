@@ -8,7 +8,7 @@ use super::{Outcome, output};
 use crate::report::Column;
 use crate::report::metrics_text::MethodsText;
 
-/// Prints each key's convention, and the public code that computes the same value.
+/// Prints the convention of each metric key, and the public code that computes the same value.
 pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
     output::print(json, || scorer.info(), || conventions(&scorer.info()))?;
     Ok(Outcome::Done)

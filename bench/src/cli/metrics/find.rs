@@ -2,7 +2,8 @@
 
 use std::str::FromStr;
 
-/// A printed number. Values are rounded or truncated to its number of decimals before they are compared with it.
+/// A published number to find. Values are rounded or truncated to its number of decimals before they are compared with
+/// it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sought {
     value: f64,

@@ -15,7 +15,7 @@ pub(super) struct Input {
     pub(super) name: String,
 }
 
-/// All pairs of two pictures or two folders, each with its mask.
+/// The pair of two pictures, or all pairs of two folders, each with its mask.
 pub(super) fn pairs(
     prediction: &Path,
     target: &Path,

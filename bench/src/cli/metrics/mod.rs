@@ -132,8 +132,8 @@ pub(super) struct MetricsArgs {
     methods_text: bool,
 }
 
-/// A mask that keeps a smaller share of the pixels is probably inverted, because most masks exclude
-/// a person, a sky or a logo.
+/// A mask that keeps less than this share of the pixels is probably inverted, because most masks exclude a person, a
+/// sky or a logo.
 const MIN_LEFT: f64 = 0.2;
 
 pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
@@ -194,8 +194,8 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Warnings that follow from all pairs together, one sentence each. For some predictions, `order` lists the other
-/// targets to compare with.
+/// Warnings about all pairs together, one sentence each. `order` lists, for some predictions, further targets to
+/// compare them with.
 fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>>) -> Vec<String> {
     let changed = |group: &PictureGroup<'_, usize>| {
         let pictures = group.pictures.iter().map(|at| &scored[*at]);

@@ -37,7 +37,7 @@ pub(super) struct Scored {
     pub(super) pixels: [u64; 2],
     /// How the prediction was probably altered.
     pub(super) change: Option<PictureChange>,
-    /// Prediction and target, reduced; `None` if the pair is not compared with other pairs.
+    /// Prediction and target at a reduced size; `None` if the pair is not compared with other pairs.
     pub(super) small: Option<[RgbImage; 2]>,
     /// Width and height of the prediction before resizing; `None` if not resized.
     pub(super) resized_from: Option<(u32, u32)>,

@@ -134,7 +134,7 @@ impl ScoredPairs<'_> {
             .collect()
     }
 
-    /// The variants that every pair has, each with its mean over the pairs.
+    /// The variants in other packages that were computed for every pair, each with its mean over the pairs.
     fn other_means(&self) -> Vec<OtherForm> {
         let first = self.scored.first().map_or(&[][..], |pair| &pair.others);
         let mean = |form: &OtherForm| {

@@ -53,7 +53,7 @@ enum GaussiansCommand {
         to: Option<TargetForm>,
         #[command(flatten)]
         reading: ReadingArgs,
-        /// Drop Gaussians with lower opacity, 0..1
+        /// Drop Gaussians whose opacity is below X, from 0 to 1
         #[arg(long, value_name = "X", default_value_t = 0.0)]
         min_opacity: f32,
     },
@@ -63,7 +63,7 @@ enum GaussiansCommand {
 enum TargetForm {
     /// PLY with only the Gaussians, in the layout of 3D Gaussian Splatting, for any viewer
     Plain,
-    /// PLY with the elements that the release adds, without view-dependent colours
+    /// PLY with the elements that SHARP's release adds, without view-dependent colours
     Release,
     /// PlayCanvas' compressed PLY
     Compressed,
@@ -247,7 +247,7 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
             "a median depth of {median} is implausible for a photograph in metres"
         ));
     }
-    // SHARP writes two equal layers, one after the other.
+    // SHARP writes two layers with the same number of Gaussians, one after the other.
     let has_layers = scene.version.is_some() && n > 0 && n.is_multiple_of(2);
     let per_layer = has_layers.then_some(n / 2);
     let not_finite = (0..n).filter(|&k| !scene.gaussians.is_finite(k)).count();
@@ -265,7 +265,7 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
         text += &format!("per layer        {n} (two layers)\n");
     }
     text += &format!("not finite       {not_finite} (the renderer drops them)\n");
-    text += &format!("quaternion zero  {zero_quaternions} (dropped too)\n");
+    text += &format!("quaternion zero  {zero_quaternions} (the renderer drops them)\n");
     text += &format!("opacity < 1/255  {below_visibility} (never visible)\n");
     let space = color_space.as_deref();
     let view = if scene.is_view_dependent {
@@ -307,7 +307,7 @@ fn describe(scene: &GaussianScene) -> (Value, String) {
         }
     }
     let verdict = if implausible.is_empty() {
-        "plausible as the camera's space, OpenCV axes, metres".to_owned()
+        "plausible as metres in the camera's space with OpenCV axes".to_owned()
     } else {
         implausible.join("; ")
     };

@@ -1,4 +1,5 @@
-//! `parity`: compares a network with a recording stage by stage, or a port's Gaussians with ours.
+//! `parity`: compares a network with a recording stage by stage, or the Gaussians of a port of SHARP with those of
+//! sharp-bench.
 
 use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
@@ -58,7 +59,7 @@ pub(crate) struct ParityArgs {
     image: Option<PathBuf>,
     #[command(flatten)]
     photo: PhotoArgs,
-    /// Compare with this recording, stage by stage
+    /// Compare with this recording, a file written by `record`
     #[arg(long, value_name = "REC.safetensors", required_unless_present = "port")]
     golden: Option<PathBuf>,
     /// Compare this file of a port's Gaussians, in any format; --color-space, --read and --axes describe the file
@@ -119,7 +120,7 @@ fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
 struct PortParity {
     #[serde(flatten)]
     differences: PortComparison,
-    /// PSNR between both renderings in the photograph's camera, dB; `null` if they are equal.
+    /// PSNR between the renderings of port and reference in the photograph's camera, dB; `null` if they are equal.
     rendered_psnr: Option<f64>,
     #[serde(skip)]
     psnr: f64,
@@ -179,7 +180,7 @@ impl Display for PortParity {
         }
         write!(
             f,
-            "PSNR between both, rendered from the photograph's camera: {:.2} dB",
+            "PSNR between port and reference, rendered from the photograph's camera: {:.2} dB",
             self.psnr
         )
     }

@@ -42,7 +42,7 @@ pub(crate) struct PredictArgs {
     /// A .ply file, or a folder for several photographs; with --depth-only, .exr or .png instead of .ply
     #[arg(long, value_name = "FILE_OR_DIR")]
     pub(super) out: PathBuf,
-    /// Omit the PLY elements that the release adds and some viewers cannot read
+    /// Omit the PLY elements that SHARP's release adds and that some viewers cannot read
     #[arg(long)]
     pub(super) plain: bool,
     /// Also write both depth layers next to the PLY

@@ -8,7 +8,7 @@ use sharp::model::recording::{self, RecordOptions};
 use super::args::{ModelArgs, PhotoArgs};
 use crate::cli::{Outcome, output};
 
-/// Record every stage of a network's prediction, for `parity` to compare with
+/// Write the values of every stage of a network's prediction to a file, with which `parity` compares another network
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:

@@ -29,7 +29,7 @@ pub(super) struct BuildArgs {
     pair_options: PairOptions,
     #[command(flatten)]
     overlap: OverlapConfig,
-    /// File for the list; FILE.json next to the list records how the list was made
+    /// Write the list to this file; FILE.json next to it records how the list was made
     #[arg(long, value_name = "FILE", required_unless_present = "ambiguity")]
     out: Option<PathBuf>,
     /// Print how the number of pairs changes with each choice that the SHARP paper leaves open, and with each

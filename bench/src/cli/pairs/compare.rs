@@ -23,10 +23,10 @@ const LINES: usize = 20;
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench pairs diff ours.csv theirs.csv --json")]
 pub(super) struct DiffArgs {
-    /// A list
+    /// The first pair list
     #[arg(value_name = "A.csv")]
     first: PathBuf,
-    /// Another list
+    /// The second pair list
     #[arg(value_name = "B.csv")]
     second: PathBuf,
     /// Print JSON

@@ -1,4 +1,4 @@
-//! `pairs import`: converts a published list to our format.
+//! `pairs import`: converts a published pair list to the format of `pairs`.
 
 use std::path::PathBuf;
 
@@ -46,7 +46,7 @@ pub(super) struct ImportArgs {
     /// Only scenes whose id matches this pattern; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB", requires = "datasets")]
     scenes: Option<String>,
-    /// File for the list, for `run --pairs`
+    /// Write the pairs found in the datasets to this file, for `run --pairs`
     #[arg(long, value_name = "FILE", requires = "datasets")]
     out: Option<PathBuf>,
     /// Print JSON

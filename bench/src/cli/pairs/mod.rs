@@ -35,11 +35,11 @@ enum PairsCommand {
 const SPARSE: &str = "\
 Sparse depth (ETH3D, Tanks and Temples): the paper predicts dense depth with Depth Pro and scales it to the sparse depth.
   overlap=given          --overlap-depth DIR, your own depth maps, scaled by the median of ratios as in the paper
-  overlap=given-metric   the same maps unscaled, in metres
+  overlap=given-metric   --overlap-depth DIR, your own depth maps in metres, not scaled
   overlap=depth-pro      depth by Depth Pro computed here, scaled as in the paper; the default (auto) on these datasets
                          if depth_pro.pt is in torch's hub folder or in sharp-bench's cache, else ground-truth;
                          --overlap-checkpoint FILE names another file
-  overlap=sharp-release  the first depth layer of SHARP's official checkpoint, scaled the same way
+  overlap=sharp-release  the first depth layer of SHARP's official checkpoint, scaled as in the paper
   overlap=sparse:8       the dataset's sparse depth; a point is seen if a depth within 8 pixels of its projection agrees
 None of these uses the method under test. overlap=depth-pro was compared with Depth Pro's code at small size, but never
 with its published weights. To use Depth Pro's own code instead (github.com/apple/ml-depth-pro, in its environment and

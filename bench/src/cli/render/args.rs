@@ -65,14 +65,14 @@ impl Layers {
     }
 }
 
-/// The release's paths.
+/// The camera paths of SHARP's release.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum PathArg {
     /// From left to right along a line
     Swipe,
     /// Left and right, then up and down
     Shake,
-    /// A circle across the viewing direction
+    /// A circle perpendicular to the viewing direction
     Rotate,
     /// Sideways, and forward and back; the release's default
     #[value(name = "rotate_forward", alias = "rotate-forward")]

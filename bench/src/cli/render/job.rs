@@ -154,7 +154,7 @@ impl<'a> RenderJob<'a> {
         let mut pictures = Vec::with_capacity(chosen.len());
         renderer
             .render::<RenderError>(scene, &chosen, |_, view| {
-                // With `--out`, these views were counted when they were rendered for it.
+                // With `--out`, these views were already counted when they were rendered for that output.
                 if self.out.is_none() {
                     summary.add(&view);
                 }

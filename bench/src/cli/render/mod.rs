@@ -221,7 +221,7 @@ fn report(args: &RenderArgs, summary: &Summary, last_backend: &str) -> anyhow::R
     }
     if let Some(reason) = &summary.fallback {
         output::remark(format!(
-            "warning: {last_backend} took over, because {reason}"
+            "warning: rendering continued on {last_backend}, because {reason}"
         ));
     }
     output::print(args.json, || summary, || summary.to_string())?;

@@ -91,7 +91,7 @@ pub(super) fn execute(
         };
         source.check(&network, allow_unused)?;
         if !as_json {
-            output::line(format!("complete for {name}"))?;
+            output::line(format!("has all tensors of the network '{name}'"))?;
         }
     }
     anyhow::ensure!(

@@ -18,7 +18,7 @@ use crate::io::checkpoint::{find_checkpoint, find_resnet};
 use crate::io::hash::file_sha256;
 use crate::io::observer::Observer;
 
-/// Names to fetch, and accepted terms.
+/// Names of the weights to fetch, and whether the licence is accepted.
 #[derive(Debug, Args)]
 pub(super) struct FetchArgs {
     /// `metrics` for all missing networks of LPIPS and DISTS, alexnet, vgg16 or squeezenet1_1 for one of them, `sharp`
@@ -141,7 +141,7 @@ fn published(args: &FetchArgs, release: &Release, cache: &Path) -> anyhow::Resul
     }))
 }
 
-/// Downloads a release; that of SHARP only if the user has accepted the licence.
+/// Downloads a release; SHARP's checkpoint is downloaded only if the user has accepted its licence.
 fn transfer(
     args: &FetchArgs,
     release: &Release,

@@ -12,7 +12,7 @@ use sharp_checkpoint::Checkpoint;
 
 use super::{Outcome, output};
 
-/// List, fetch, check, convert and make weights
+/// List, fetch, check and convert weights, or make weights for tests
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -29,8 +29,8 @@ pub struct NoCheckpoint {
     pub searched: Vec<PathBuf>,
 }
 
-/// The release's checkpoint, searched for in torch's hub folder (where the release stores it) and
-/// in our cache.
+/// The release's checkpoint, searched for in torch's hub folder (where the release stores it) and in sharp-bench's
+/// cache.
 pub fn find_checkpoint() -> Result<PathBuf, NoCheckpoint> {
     first_file(places_of(RELEASE_FILE))
 }
@@ -38,12 +38,12 @@ pub fn find_checkpoint() -> Result<PathBuf, NoCheckpoint> {
 /// File name of Depth Pro's checkpoint, as its authors distribute it.
 pub const DEPTH_PRO_FILE: &str = "depth_pro.pt";
 
-/// Depth Pro's checkpoint in torch's hub folder or in our cache; `None` if neither folder has it.
+/// Depth Pro's checkpoint in torch's hub folder or in sharp-bench's cache; `None` if neither folder has it.
 pub fn find_depth_pro() -> Option<PathBuf> {
     first_file(places_of(DEPTH_PRO_FILE)).ok()
 }
 
-/// The encoder of the paper's perceptual loss in our cache; `None` if the cache does not have it.
+/// The encoder of the paper's perceptual loss in sharp-bench's cache; `None` if the cache does not have it.
 pub fn find_resnet() -> Option<PathBuf> {
     first_file(
         cache_folder()

@@ -64,8 +64,9 @@ pub enum NetworkError {
 
 /// The network of a checkpoint, on the CPU. `checkpoint` is a file, or `mini` for the bundled network; if `checkpoint`
 /// is `None`, the official checkpoint is searched for. `mini` has its own configuration. Any other checkpoint has the
-/// configuration `config` (`FILE.json#NAME`), if given. Without it, the official checkpoint has the release's, and a
-/// file has the first that fits of `STEM.json` next to the file, the release's, and any other `.json` next to the file.
+/// configuration `config` (`FILE.json#NAME`), if given. Without it, the official checkpoint has the release's
+/// configuration, and a file has the first of these that fits: `STEM.json` next to the file, the release's, any other
+/// `.json` next to the file.
 ///
 /// # Errors
 /// [`NetworkError`] if no checkpoint is found, if the file or its configuration cannot be read, if several

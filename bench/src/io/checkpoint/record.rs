@@ -1,7 +1,7 @@
 //! Size and SHA-256 of a release, recorded at its first use.
 //!
-//! No hash is published, so the first file used is trusted and recorded, and later files must be identical. The
-//! record is in our cache folder, wherever the file is.
+//! No hash is published, so the first file used is trusted and recorded, and later files must be identical. The record
+//! is in sharp-bench's cache folder, wherever the file is.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -21,6 +21,7 @@ pub struct CheckpointRecord {
     pub recorded: String,
 }
 
+/// Result of comparing a file with the record of its first use.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Standing {
     /// There was no earlier record to compare with, so a record was written to this file.

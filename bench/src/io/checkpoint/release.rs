@@ -29,11 +29,11 @@ pub fn licence_text() -> String {
     )
 }
 
-/// The encoder of LaMa's loss, published by CSAIL's semantic-segmentation-pytorch.
+/// Address of the encoder in LaMa's perceptual loss, published by CSAIL's semantic-segmentation-pytorch.
 pub const RESNET_ADDRESS: &str = "http://sceneparsing.csail.mit.edu/model/pytorch/ade20k-resnet50dilated-ppm_deepsup/\
                                   encoder_epoch_20.pth";
 
-/// Name of the encoder's file in our cache; the original name, `encoder_epoch_20.pth`, is not descriptive.
+/// Name of the encoder's file in sharp-bench's cache; the original name, `encoder_epoch_20.pth`, is not descriptive.
 pub const RESNET_FILE: &str = "resnet50dilated.pth";
 
 /// A published file without a hash from its authors.
@@ -41,7 +41,7 @@ pub const RESNET_FILE: &str = "resnet50dilated.pth";
 pub struct Release {
     /// Name of the file on the command line of `weights fetch`.
     pub name: &'static str,
-    /// File name in our cache.
+    /// File name in sharp-bench's cache.
     pub file: &'static str,
     pub published: &'static str,
     /// Download address.

@@ -120,7 +120,7 @@ impl<'a> Measuring<'a> {
             .collect()
     }
 
-    /// Number of depth maps of the views in `set`, as reduced, that fit into memory; at least two.
+    /// Number of reduced depth maps of the views in `set` that fit into the memory limit; at least two.
     fn views_in_memory(&self, set: &[usize]) -> usize {
         let bytes = |view: &View| {
             let longer = u64::from(view.intrinsics.width.max(view.intrinsics.height));

@@ -88,8 +88,8 @@ impl PairBuild {
     }
 }
 
-/// [`density`](crate::pairs::valid_depth::density) below which a view's depth counts as sparse: projected points then
-/// rarely hit a pixel with depth.
+/// A view's depth counts as sparse if its [`density`](crate::pairs::valid_depth::density) is below this value;
+/// projected points then rarely hit a pixel with depth.
 pub const SPARSE_DENSITY: f64 = 0.3;
 
 /// Counts of a dataset's pairs after each step of the selection.

@@ -38,31 +38,31 @@ pub enum ListForm {
     Seva,
 }
 
-/// Which of several context views is the source.
+/// Which of a scene's context (input) views is the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum Context {
-    /// The first
+    /// The first input view
     #[default]
     #[value(name = "0")]
     First,
-    /// The second
+    /// The second input view
     #[value(name = "1")]
     Second,
-    /// For each target, the context view at the nearest position; of two equally near views, the first
+    /// For each target, the input view at the nearest position; of two equally near views, the first
     Nearest,
 }
 
 /// Which of a line's three targets is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TargetSlot {
-    /// Five frames later
+    /// The target five frames after the source
     #[default]
     #[value(name = "5")]
     Five,
-    /// Ten frames later
+    /// The target ten frames after the source
     #[value(name = "10")]
     Ten,
-    /// A random one
+    /// The line's third target, a random frame
     Random,
 }
 

@@ -20,7 +20,7 @@ pub(super) const MEANINGS: [&str; 20] = [
     "which views of a scene share a set; pairs are formed within sets",
     "number of views in a set, 2 or more",
     "whether to keep a last set with fewer views than the others",
-    "number of sets used per scene, from the first on",
+    "maximum number of sets per scene; the first sets are used",
     "whether two views make pairs in both directions, or only from the earlier to the later view",
     "what to do with views without depth: exclude them from pairs, accept their pairs without measuring overlap, or \
      leave them out before sets are formed",
@@ -41,7 +41,7 @@ pub(super) const MEANINGS: [&str; 20] = [
     "maximum number of evaluated pairs per dataset",
     "how the evaluated pairs are drawn: from all pairs, from each scene in turn, from each of ten bins of baseline in \
      turn, or the first ones by id",
-    "seed of the draw",
+    "seed for drawing the evaluated pairs",
 ];
 
 impl PairOptions {

@@ -120,7 +120,7 @@ impl fmt::Display for OverlapDepth {
 /// defaults.
 ///
 /// Sets, depth and overlap apply to multi-view scenes. A stereo scene has a single pair, which qualifies regardless of
-/// its overlap. `min-baseline` and the keys after it apply to both kinds of scenes.
+/// its overlap. `min-baseline` and the keys that follow it in the text form apply to both kinds of scenes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[schemars(with = "BTreeMap<String, String>")]
 #[serde(
@@ -208,7 +208,7 @@ impl PairOptions {
     /// [`PairError::Options`] names the key and its valid values.
     pub fn validate(&self) -> Result<(), PairError> {
         let wrong =
-            |key: &str, what: &str| Err(PairError::Options(format!("{key} has to be {what}")));
+            |key: &str, what: &str| Err(PairError::Options(format!("{key} must be {what}")));
         let not_negative = |v: f64| v.is_finite() && v >= 0.0;
         if self.sets.size < 2 {
             return wrong("size", "2 or more");

@@ -2,7 +2,7 @@
 //! listed.
 //!
 //! The paper states: sets of ten views; depth overlap above 60 %; predicted depth, scaled to the dataset's depth where
-//! that is sparse; min(512, all) pairs; and for stereo datasets, the pair from every left frame to its right one.
+//! that is sparse; min(512, all) pairs; and for stereo datasets, the pair from every left frame to the right frame.
 
 pub use sharp_datasets::spec::PaperOverlap;
 

@@ -103,9 +103,10 @@ pub struct OverlapCounts {
     pub seen: u64,
     /// Projected pixels, which all have valid depth.
     pub valid: u64,
-    /// All pixels of the view, or of its subsample.
+    /// All pixels of the projected view that the stride selects.
     pub pixels: u64,
-    /// Valid pixels of the other view, or of its subsample.
+    /// Pixels of the other view that have valid depth and that the stride selects; 0 unless [`Denominator::ValidOther`]
+    /// is used.
     pub valid_other: u64,
 }
 

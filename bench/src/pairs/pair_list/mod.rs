@@ -67,7 +67,7 @@ impl PairList {
     /// Like [`Self::read`], but from bytes; `path` is only used in errors.
     ///
     /// # Errors
-    /// Those of [`Self::read`], except [`PairError::File`].
+    /// [`PairError::List`] with the line of the first mistake.
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, PairError> {
         let wrong = |line: u64, reason: String| PairError::List {
             path: path.to_owned(),
@@ -113,8 +113,8 @@ impl PairList {
         }
     }
 
-    /// The union of this list and a newer one. For a pair in both lists, keeps the newer row, selected if either row
-    /// is.
+    /// The union of this list and a newer one. For a pair in both lists, keeps the newer row and marks it as selected
+    /// if either row is.
     #[must_use]
     pub fn joined(&self, newer: &Self) -> Self {
         let by_id = |list: &Self| -> BTreeMap<String, Pair> {
@@ -160,7 +160,8 @@ impl PairList {
     /// Like [`Self::resolve`], but skips a pair if its scene or one of its views could not be read.
     ///
     /// # Errors
-    /// Those of [`Self::resolve`]; also for a scene that is excluded by a setting of its dataset.
+    /// [`PairError::List`] names the line, and what is missing from the scenes or which scene a setting of its dataset
+    /// excludes.
     pub fn resolve_readable<'a>(
         &'a self,
         scenes: &'a [Scene],

@@ -82,7 +82,7 @@ pub struct CellExplanation {
     /// Name of the dataset in the run, whereas `column` is the paper's name for it.
     pub dataset: String,
     pub column: &'static str,
-    /// The metric as published.
+    /// The metric as the paper names it.
     pub metric: Column,
     pub published: f64,
     /// The value that the run itself reports: the metric's default variant, averaged over all pairs by the run's own
@@ -204,7 +204,7 @@ pub(super) fn cell(
             }
         }
     }
-    // Drop values over fewer pairs than others, because they are not comparable.
+    // Drop values that cover fewer pairs than other values, because they are not comparable with them.
     for scenes in [SceneReading::All, SceneReading::OneAPlace] {
         let of_scenes = values.iter().filter(|value| value.reading.scenes == scenes);
         let most = of_scenes.map(|value| value.n).max();
@@ -235,7 +235,7 @@ pub(super) fn cell(
     .judged()
 }
 
-/// The first scene of each physical place, keyed by place.
+/// The first scene by name of each physical place, keyed by place.
 fn first_scenes<'a>(records: &[(usize, &'a Record)]) -> BTreeMap<&'a str, &'a str> {
     let mut first: BTreeMap<&str, &str> = BTreeMap::new();
     for (_, record) in records {
@@ -255,7 +255,7 @@ fn pooled(values: &[(&Record, f64)]) -> Option<f64> {
 }
 
 impl Reading {
-    /// Text without the variant: `as scored, all scenes, mean over pairs`.
+    /// The reading as text, without the metric's variant: `as scored, all scenes, mean over pairs`.
     pub fn words(&self) -> String {
         format!(
             "{}, {}, {}",

@@ -18,8 +18,8 @@ pub struct JointReading {
     pub region: MetricRegion,
     /// For each metric of the table, the variant with its value and its distance to the published number.
     pub variants: Vec<Variant>,
-    /// The largest distance of the variants from the published numbers, in halves of the last published digit. If it is
-    /// at most 1, every variant rounds to its published number.
+    /// The largest distance of the variants from the published numbers, in units of half the last published digit. If
+    /// it is at most 1, every variant rounds to its published number.
     pub farthest: f64,
 }
 

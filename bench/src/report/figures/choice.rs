@@ -11,7 +11,7 @@ use crate::report::column::Column;
 use crate::report::error::ReportError;
 use sharp_plots::PlotError;
 
-/// How the pairs of each dataset are chosen. The first metric decides.
+/// Rule for choosing pairs of each dataset by their scores in the first metric.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Choice {
     /// The pairs of median difficulty, where difficulty is the mean score of the ranked methods.
@@ -50,15 +50,15 @@ impl fmt::Display for Choice {
     }
 }
 
-/// Pairs given by their ids, or a number of pairs per dataset.
+/// Selects pairs by their ids, or a number of pairs per dataset.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
-    /// Which pairs of each dataset to show without --pair, ranked by the first metric: median, worst or best score, as the
-    /// mean over the ranked methods; or the pairs on which METHOD loses most against OTHER (datasets where METHOD never
-    /// loses are left out)
+    /// Which pairs of each dataset to show without --pair, ranked by the first metric: median, worst or best score, as
+    /// the mean over the ranked methods; or the pairs on which METHOD scores worst compared with OTHER (datasets where
+    /// METHOD is never worse are left out)
     #[arg(
         long,
         value_name = "median|worst|best|loses:METHOD:OTHER",
@@ -70,7 +70,7 @@ pub struct PairsChoice {
     pub count: NonZeroUsize,
 }
 
-/// The pairs of one source.
+/// Selects targets that share one source view.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PathChoice {
     /// The source as DATASET/SCENE/VIEW, as in the ids of its pairs [default: the source with the most
@@ -82,7 +82,7 @@ pub struct PathChoice {
     pub count: NonZeroUsize,
 }
 
-/// Chooses one pair per dataset.
+/// One pair of median difficulty per dataset.
 impl Default for PairsChoice {
     fn default() -> Self {
         Self {
@@ -99,7 +99,7 @@ pub struct ChosenPair<'a> {
     pub pair: &'a PairBoard<'a>,
 }
 
-/// The chosen pairs.
+/// The selected pairs, by scores in the first of `metrics` if the selection depends on scores.
 ///
 /// # Errors
 /// If there is no pair with a given id, no method with a given name, or no pair on which the first method loses.

@@ -20,7 +20,7 @@ use crate::scoring::Region;
 use sharp_plots::Figure;
 use sharp_plots::style::FigureStyle;
 
-/// What a sheet shows for its pairs.
+/// The parts of a sheet's pictures to enlarge.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SheetOptions {
     /// Part of the pictures to outline and enlarge, in pixels of the target; repeatable
@@ -105,7 +105,8 @@ pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure
 /// `speed` measured. `None` if no method has both a score and a time.
 ///
 /// # Errors
-/// Those of [`baselines`](baselines()), and if the metric does not exist or a folder cannot be read.
+/// If the results contradict each other, the style has no room for a plot, the metric does not exist, or a folder
+/// cannot be read.
 pub fn fidelity_time(
     results: &Results,
     metric: MetricKey,

@@ -21,7 +21,7 @@ pub struct SheetMedium {
     pub grows: bool,
     pub gap: u32,
     pub margin: u32,
-    /// Font size of heads, and of text below pictures.
+    /// Font size of heads; `small` is the font size of the text below pictures.
     pub font: f64,
     pub small: f64,
     pub dpi: f64,

@@ -106,7 +106,7 @@ impl Sheet {
         Some(self.layout(medium)?.raster())
     }
 
-    /// `None` if no tile has a picture.
+    /// Places the pictures and texts of the sheet; `None` if no tile has a picture.
     fn layout(&self, medium: &SheetMedium) -> Option<Layout> {
         if !self.tiles().any(|tile| tile.picture.is_ok()) {
             return None;

@@ -21,7 +21,7 @@ use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::report::error::ReportError;
 use crate::report::error_map::false_colours;
 
-/// Relative difference from which the colour is brightest.
+/// Relative differences of at least this value have the brightest colour.
 const BRIGHTEST: f32 = 0.5;
 
 /// Depth of a picture, and depth of the mirrored picture as predicted (not mirrored back). Both maps have the same

@@ -26,7 +26,7 @@ pub(super) struct ChecklistInput<'a> {
     pub(super) manifest: &'a Manifest,
     /// Number of units that have no result.
     pub(super) missing: usize,
-    /// The datasets as columns; empty if no row has any pair.
+    /// The measured rows, with the datasets as columns; empty if no row has any pair.
     pub(super) board: &'a Board<'a>,
     pub(super) columns: &'a [Column],
 }

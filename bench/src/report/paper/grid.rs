@@ -119,8 +119,8 @@ pub(super) fn with_rows(
     }
 }
 
-/// Puts the user's rows below the published ones. Columns keep the identities of the user's metrics; datasets that are
-/// not in the paper's table come last.
+/// Puts the user's rows below the published ones. Columns state the metric variants of the user's rows; datasets that
+/// are not in the paper's table come last.
 fn below(mut published: Table, own: Table) -> Table {
     let mut table = own;
     let none = Cell::dash();

@@ -131,7 +131,7 @@ impl PublishedTable {
             .collect()
     }
 
-    /// The number in the row with the label `row`.
+    /// The number in the row with the label `row`, for a dataset and a metric.
     pub fn number(&self, row: &str, dataset: &str, metric: &str) -> Option<f64> {
         let (_, cells) = self.rows.iter().find(|(label, _)| *label == row)?;
         let d = self.datasets.iter().position(|name| *name == dataset)?;
@@ -314,8 +314,8 @@ pub(crate) fn metric(family: Family) -> Column {
     }
 }
 
-/// Smallest and largest reduction of a metric over the datasets, as a fraction, from the second of two rows to the
-/// first.
+/// The smallest and the largest relative reduction of a metric from the second row to the first, over the datasets; 0.1
+/// is 10 %.
 fn gains(table: &PublishedTable, rows: [&str; 2], metric: &str) -> Option<(f64, f64)> {
     let gains = table.datasets.iter().filter_map(|dataset| {
         let [ours, other] = rows.map(|row| table.number(row, dataset, metric));

@@ -141,7 +141,7 @@ impl std::str::FromStr for OwnRow {
 pub enum OwnRows {
     /// Results with one row per method.
     Scores(Box<Results>),
-    /// Rows without pairs, and their measured columns.
+    /// Rows of numbers that are not scores of pairs, such as times, with their columns.
     Measured {
         /// Datasets that are not in the paper's table. Their cells follow those of the table's datasets.
         datasets: Vec<String>,

@@ -1,4 +1,4 @@
-//! Hours and hardware as asked for by compute reporting forms, from the times in run folders.
+//! Hours and hardware of runs, as forms for reporting compute ask for them, from the times in run folders.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;

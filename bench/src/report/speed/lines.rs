@@ -15,7 +15,7 @@ pub struct SpeedLine {
     pub dataset: String,
     /// Format of the dataset; empty if unknown.
     pub format: String,
-    /// `inference_secs`, `load_secs`, `render_secs`, ….
+    /// Name of the measured quantity: `inference_secs`, `load_secs`, `render_secs`, ….
     pub quantity: String,
     /// Number of measurements.
     pub n: usize,
@@ -27,7 +27,7 @@ impl SpeedLine {
     /// Reads a file written by `speed`, or the `speed.csv` in a folder.
     ///
     /// # Errors
-    /// If it cannot be read, is not such a file, is empty, or has an impossible number.
+    /// If the file cannot be read, was not written by `speed`, is empty, or has an impossible number.
     pub fn read(path: &Path) -> Result<Vec<Self>, FileError> {
         let path = if path.is_dir() {
             path.join("speed.csv")

@@ -12,7 +12,7 @@ use crate::report::error::ReportError;
 use crate::report::plots;
 use sharp_plots::style::FigureStyle;
 
-/// Files written to a folder.
+/// Files that a sweep wrote into a folder, and removed from it.
 #[derive(Debug)]
 pub struct SweepFiles {
     pub written: Vec<PathBuf>,

@@ -69,8 +69,8 @@ pub struct SweepSpec {
 }
 
 impl Default for SweepSpec {
-    /// The default shows all metrics and methods against the baseline in at most ten bins, with standard deviations,
-    /// one panel per dataset.
+    /// All metrics and methods against the camera baseline in at most ten bins, with standard deviations, one panel per
+    /// dataset.
     fn default() -> Self {
         Self {
             x: Motion::default(),

@@ -79,7 +79,7 @@ pub struct FoundCrossing {
     pub found: Crossing,
 }
 
-/// Limit on a method.
+/// A limit on a method's scores.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CrossingRule {
     /// The method must not be worse than the named one, in the mean over common pairs.

@@ -107,7 +107,7 @@ pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     };
     let interval = match crossing.found.interval {
         Some((low, high)) if low == high && low == x => {
-            " (the same for the central 95 % of resamples)".to_owned()
+            " (and so in the central 95 % of resamples)".to_owned()
         }
         Some((low, high)) => format!(" (95 % interval: {} to {})", end(low), end(high)),
         None => " (no interval, because there is a single scene)".to_owned(),

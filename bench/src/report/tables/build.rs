@@ -45,13 +45,13 @@ pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     tables
 }
 
-/// Whether a method reports this extra value for at least one prediction.
+/// Whether a method reports the quantity `extra` for at least one prediction.
 fn reports(board: &Board<'_>, method: usize, extra: &Column) -> bool {
     let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));
     records.any(|record| record.reported().contains_key(extra.key.as_str()))
 }
 
-/// The known extra values that at least one method reports.
+/// The quantities that at least one method reports about its predictions.
 pub fn extras(board: &Board<'_>) -> Vec<Column> {
     let mut extras = Column::extras();
     extras.retain(|extra| (0..board.methods.len()).any(|method| reports(board, method, extra)));

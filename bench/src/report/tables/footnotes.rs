@@ -65,7 +65,7 @@ pub(super) fn prediction_marks(
     }
     let valid: Vec<f64> = records.iter().filter_map(|r| r.valid_share).collect();
     if let Some(mean) = mean(&valid) {
-        // Leave out the method's name here, too.
+        // Leave out the method's name, so that methods share the footnote.
         marks.push(format!(
             "{name}: dataset masks cover part of {} of {of} targets (on average {:.1} % of the pixels); masked pixels are \
              not scored.",

@@ -112,7 +112,7 @@ pub(in crate::report) struct Environment<'a> {
 }
 
 impl Environment<'_> {
-    /// Wraps the rows in rules, with small print `below`.
+    /// The environment around the rows `body`, with rules, and with the small print `below` under the table.
     pub(in crate::report) fn around(&self, body: &str, below: &str) -> String {
         let label = self.label.map(|label| format!("\\label{{tab:{label}}}\n"));
         let (open, close) = if self.is_wide {

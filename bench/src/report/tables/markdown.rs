@@ -1,5 +1,5 @@
-//! Markdown of a table, as for a README: the best in bold, then ② and ③; the number of pairs under
-//! each number.
+//! Markdown of a table, as for a README: the best number is bold, the second and third are marked ② and ③, and the
+//! number of pairs is below each number.
 
 use std::fmt::Write as _;
 

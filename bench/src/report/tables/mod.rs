@@ -85,7 +85,7 @@ pub struct Group {
     pub name: String,
     /// Display name.
     pub title: String,
-    /// Number of pairs of a complete cell; `None` if the source does not state it.
+    /// Number of pairs of the dataset; `None` if the source of the numbers does not state it.
     pub pairs: Option<usize>,
     /// Footnote on the columns of the group.
     pub note: Option<usize>,
@@ -114,7 +114,7 @@ pub struct Cell {
     pub coverage: Option<(usize, usize)>,
     /// Sample standard deviation over the pairs.
     pub std: Option<f64>,
-    /// Spread over scenes.
+    /// Spread of the mean over scenes.
     pub spread: Option<Spread>,
     pub infinite: usize,
     pub failed: usize,

@@ -29,7 +29,7 @@ pub fn ranks(
         Some(Direction::Lower) => 1.0,
         None => return none,
     };
-    // After this, smaller is better.
+    // Negate numbers of which higher ones are better, so that smaller is better for all.
     let goodness: Vec<Option<f64>> = candidates
         .iter()
         .map(|c| {

@@ -12,7 +12,8 @@ use crate::report::statistics::of_extra;
 use super::Table;
 use super::rank::rounded;
 
-/// Minimum share of the pixels in a method's holes for mentioning the holes if the method scores worse than a baseline.
+/// If a method scores worse than a baseline, its holes are mentioned if they cover at least this share of the pixels on
+/// average.
 const MIN_HOLE_SHARE: f64 = 0.01;
 
 /// The metrics that have a score in at least one record, and a sentence on why the remaining metrics, if any, have
@@ -57,7 +58,7 @@ pub(in crate::report) fn scored(
     (shown, Some(text))
 }
 
-/// A number in the comparison of methods with baselines: that of a ranked row that covers every pair.
+/// A number in the comparison of methods with baselines, from a ranked row that covers every pair.
 struct Entrant<'a> {
     method: usize,
     /// The number as displayed, negated if higher is better, so that smaller values are better.
@@ -138,7 +139,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     remarks
 }
 
-/// Entrants of a column, from best to worst.
+/// The entrants for one column of a dataset, from best to worst.
 fn entrants<'a>(
     board: &'a Board<'_>,
     table: &Table,

@@ -1,4 +1,4 @@
-//! Plain text of a table for a terminal: aligned columns, `*` for the best.
+//! Plain text of a table for a terminal: aligned columns, with `*` at the best numbers.
 
 use super::{Cell, Table, letter, letters};
 use crate::io::text::visible_line;

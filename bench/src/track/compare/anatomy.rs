@@ -24,12 +24,12 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::pictures::ReportPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
-/// Relative difference above which two depths belong to different surfaces. The computation of overlap uses the same
-/// value.
+/// Relative difference above which two depths belong to different surfaces. By default, overlap is computed with the
+/// same value.
 const SURFACE_TOLERANCE: f64 = 0.05;
 /// Distance up to which pixels belong to a depth edge, in pixels.
 const EDGE_RADIUS: i64 = 3;
-/// Minimum share of a pair's scored pixels in a class that has scores for the pair.
+/// A class of pixels gets scores for a pair only if it has at least this share of the pair's scored pixels.
 const MIN_SHARE: f64 = 0.001;
 
 /// Class of a target pixel for methods that use only the source. A pixel that fits several classes gets the first of
@@ -136,9 +136,9 @@ fn mark_edges(depth: &DepthMap, classes: &mut [PixelClass]) {
 /// Differences of two methods by class of pixel.
 #[derive(Debug, Default)]
 pub struct Anatomy {
-    /// Strata of [`Division::Pixels`], with the share of pixels.
+    /// Differences by class of pixel, each with the class's share of the pixels.
     pub strata: Vec<Stratum>,
-    /// What was left out, and why, one line each.
+    /// Pairs and metrics that were left out, and why, one line each.
     pub notes: Vec<String>,
 }
 
@@ -202,7 +202,7 @@ impl RunComparison {
             let pairs = counted(pairs, "pair");
             anatomy
                 .notes
-                .push(format!("no error anatomy of {pairs}: {reason}"));
+                .push(format!("{pairs} not divided by kind of pixel: {reason}"));
         }
         for of_dataset in datasets.values() {
             for (at, metric) in metrics.iter().enumerate() {
@@ -238,8 +238,8 @@ impl RunComparison {
             .partition(|metric| metric.key.family() != Family::Dists);
         for metric in others {
             notes.push(format!(
-                "{} compares statistics of whole pictures, so it has no value per pixel and no \
-                 error anatomy",
+                "{} compares statistics of whole pictures, so it has no value per pixel and is \
+                 not divided by kind of pixel",
                 metric.key
             ));
         }

@@ -24,7 +24,7 @@ const BINS: usize = 5;
 #[serde(rename_all = "snake_case")]
 pub enum Division {
     Scene,
-    /// [Classes](super::anatomy::PixelClass) of target pixels, which divide each pair.
+    /// [Classes](super::anatomy::PixelClass) of target pixels, which divide the pixels of each pair.
     Pixels,
     #[serde(untagged)]
     Motion(Motion),

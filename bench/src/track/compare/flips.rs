@@ -1,4 +1,4 @@
-//! Pairs on which two methods changed places between two runs.
+//! Pairs on which one of two methods scores better in run A, and the other in run B.
 
 use std::collections::BTreeMap;
 

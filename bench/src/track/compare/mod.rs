@@ -43,7 +43,7 @@ pub enum CompareError {
     #[error("{0}")]
     Methods(String),
     /// The available weights differ from the weights of the runs.
-    #[error("no error anatomy: {0}; pass the runs' weights with --weights")]
+    #[error("--anatomy: {0}; pass the runs' weights with --weights")]
     Anatomy(String),
 }
 
@@ -84,11 +84,11 @@ pub struct ScoreChange {
     pub region: MetricRegion,
     pub method_a: String,
     pub method_b: String,
-    /// Number of pairs with a score on both sides.
+    /// Number of pairs with a score in both A and B.
     pub n_pairs: usize,
-    /// Number of physical scenes of the pairs with a score on both sides.
+    /// Number of physical scenes of the pairs with a score in both A and B.
     pub n_scenes: usize,
-    /// Number of pairs with an infinite score on either side.
+    /// Number of pairs with an infinite score in A or B.
     pub n_infinite: usize,
     pub mean_a: f64,
     pub mean_b: f64,
@@ -98,9 +98,9 @@ pub struct ScoreChange {
     pub ci_low: Option<f64>,
     /// Upper end of the 95 % confidence interval of the difference.
     pub ci_high: Option<f64>,
-    /// p before Holm's correction.
+    /// p value of the difference, before Holm's correction.
     pub p: Option<f64>,
-    /// p after Holm's correction over the datasets of a metric, including [`ALL`].
+    /// p value after Holm's correction over the datasets of a metric, including [`ALL`].
     pub p_holm: Option<f64>,
     /// Minimum detectable effect: the smallest difference that would be detected with 80 % power at
     /// the 5 % level.
@@ -108,7 +108,7 @@ pub struct ScoreChange {
     /// Outcome of B relative to A.
     #[serde(serialize_with = "word")]
     pub verdict: Verdict,
-    /// Number of planned pairs whose score is missing on at least one side.
+    /// Number of planned pairs whose score is missing in A or B.
     #[serde(skip)]
     pub left_out: usize,
     /// Number of the dataset's scenes that show the same physical scene as an earlier scene of the
@@ -119,7 +119,7 @@ pub struct ScoreChange {
     pub p_sign_flip: Option<f64>,
     /// Smallest p that the sign-flip test can give with this number of scenes.
     pub p_sign_flip_floor: Option<f64>,
-    /// Why interval and p are missing.
+    /// Why confidence interval and p value are missing; `None` if they are not.
     #[serde(skip)]
     pub no_inference: Option<NoInference>,
     /// Number of decimals in tables.
@@ -169,7 +169,7 @@ pub struct RunComparison {
     pub manifests: [Manifest; 2],
 }
 
-/// A pair with a score on both sides.
+/// A pair with a score in both A and B.
 #[derive(Debug, Clone, Copy)]
 pub struct PairChange<'a> {
     /// The pair's record in A.
@@ -193,7 +193,7 @@ impl<'a> PairChange<'a> {
 }
 
 impl RunComparison {
-    /// The pairs with a score of a metric on both sides, largest loss first, then by id. NaN counts as worse than any
+    /// The pairs with a score of a metric in both A and B, largest loss first, then by id. NaN counts as worse than any
     /// number.
     pub fn changes(&self, against: &Against, metric: &MetricInfo) -> Vec<PairChange<'_>> {
         let mut changes = self.sides(against).changes(metric);
@@ -201,7 +201,7 @@ impl RunComparison {
         changes
     }
 
-    /// Whether any compared pair has kept pictures of both sides.
+    /// Whether any compared pair has pictures kept in both A and B.
     pub fn has_pictures(&self) -> bool {
         let is_kept = |record: &Record| self.results.kept_picture(record).is_some();
         let mut sides = self.against.iter().map(|against| self.sides(against));
@@ -248,7 +248,7 @@ pub fn compare(
     compare_results([(a, of_a), (b, of_b)], methods, practical)
 }
 
-/// Reads two runs, or one run as both sides.
+/// Reads runs A and B; if both paths are equal, reads the run once.
 ///
 /// # Errors
 /// If a run cannot be read.
@@ -375,7 +375,7 @@ fn backend_difference([a, b]: &[Manifest; 2]) -> Option<String> {
         }
     };
     let (a, b) = (kind(a), kind(b));
-    (a != b).then(|| format!("the renderer is \"{a}\" in the first and \"{b}\" in the second"))
+    (a != b).then(|| format!("the renderer is \"{a}\" in the first run and \"{b}\" in the second"))
 }
 
 fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {

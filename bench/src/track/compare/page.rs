@@ -21,7 +21,7 @@ use crate::report::{
     PublishedNumbers, ReportComparison, ReportError, ReportFiles, ReportOptions, report,
 };
 
-/// A pair with a score on both sides, as written to files.
+/// A pair with a score in both A and B, as written to files.
 #[derive(Debug, Clone, Serialize)]
 pub struct PairLine<'a> {
     pub pair_id: &'a str,

@@ -1,4 +1,4 @@
-//! The rows of a metric, one per dataset and one over all, and their samples.
+//! The rows of a metric, one per dataset and one over all datasets, and their samples.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -33,7 +33,7 @@ impl<'a> Sides<'a> {
         ))
     }
 
-    /// The pairs with a score on both sides, sorted by id.
+    /// The pairs with a score in both A and B, sorted by id.
     pub(super) fn changes(&self, metric: &MetricInfo) -> Vec<PairChange<'a>> {
         let key = metric.key.to_string();
         let score = |record: &Record| record.scores.get(&key).and_then(Score::value);

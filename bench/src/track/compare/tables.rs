@@ -263,7 +263,7 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
             "{dataset}: no interval and no p, because one scene does not show how scenes vary"
         )),
         Some(NoInference::NoPairs) if dataset != ALL => remarks.push(format!(
-            "{dataset}: nothing to compare, because no pair has a score on both sides"
+            "{dataset}: nothing to compare, because no pair has a score in both A and B"
         )),
         Some(NoInference::NoPairs) => remarks.push(format!(
             "{ALL}: no mean, because a dataset has nothing to compare"

@@ -108,7 +108,7 @@ pub enum Scope {
     Everywhere,
     /// One dataset, or [`ALL`](crate::track::compare::ALL) for the mean over the datasets.
     On(String),
-    /// Each scene of all datasets, or of one.
+    /// Each scene of the named dataset, or of all datasets.
     PerScene(Option<String>),
 }
 
@@ -131,7 +131,7 @@ pub enum Resource {
 impl Resource {
     pub(super) const ALL: [Self; 2] = [Self::SecondsPerPair, Self::PeakMemory];
 
-    /// Smallest cost of A that can be judged, in seconds or MiB.
+    /// Costs of A below this value, in seconds or MiB, are too small to be judged.
     pub(super) fn least(self) -> f64 {
         match self {
             Self::SecondsPerPair => 0.05,

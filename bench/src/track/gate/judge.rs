@@ -310,9 +310,9 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Why a row's data do not suffice for `require_power`, that is, to detect a difference of the
-    /// required size. `None` if the data suffice, if no power is required, or if both sides are
-    /// equal, because there is nothing to detect.
+    /// Why a row's data do not suffice for `require_power`, that is, to detect a difference of the required size.
+    /// `None` if the data suffice, if no power is required, or if A and B are equal, because there is nothing to
+    /// detect.
     fn lacks_power(&self, info: &MetricInfo, row: &ScoreChange) -> Option<String> {
         let required = self.config.require_power.iter();
         let required = required.filter(|(name, _)| name.names(info));
@@ -422,7 +422,7 @@ fn notes_of(comparison: &RunComparison) -> Vec<String> {
 fn unscored(check: Check) -> Check {
     check.decided(
         CheckState::Inconclusive,
-        "no pair has a score on both sides",
+        "no pair has a score in both A and B",
     )
 }
 

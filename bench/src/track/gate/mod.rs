@@ -106,7 +106,7 @@ pub struct WorsePair {
     pub pair_id: String,
     pub a: f64,
     pub b: f64,
-    /// Loss in the metric's unit.
+    /// How much worse B is than A, in the metric's unit.
     pub loss: f64,
 }
 
@@ -120,7 +120,7 @@ pub struct GateReport {
     /// Index of the check that [`Self::worst`] belongs to: the first fired check on a metric; if
     /// none fired, the first check on a metric.
     pub worst_of: Option<usize>,
-    /// At most three pairs, worst first.
+    /// The pairs with the largest losses, worst first; at most three.
     pub worst: Vec<WorsePair>,
     /// Notes that do not affect the outcome.
     pub notes: Vec<String>,
@@ -219,7 +219,7 @@ fn shell_word(text: &str) -> String {
     }
 }
 
-/// Judges run B relative to run A. `methods` has the same meaning as in [`compare`].
+/// Judges run B relative to run A. `methods` are pairs of labels `(in A, in B)`, as for [`compare`].
 ///
 /// # Errors
 /// If the runs cannot be compared, or a limit names a metric or a dataset that the runs do not

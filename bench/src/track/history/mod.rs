@@ -43,7 +43,7 @@ pub enum HistoryError {
     /// The label, commit or date is invalid.
     #[error("{0}")]
     Occasion(String),
-    /// The folder has other files, or no entry.
+    /// The folder is not a history, because it has no entry, or no further entry can be added.
     #[error("{}: {reason}", dir.display())]
     NoHistory { dir: PathBuf, reason: String },
 }

@@ -55,7 +55,7 @@ impl Rule {
 }
 
 impl Series {
-    /// Metric, dataset and method.
+    /// Title of the series: metric, dataset and method.
     pub fn title(&self) -> String {
         format!("{}, {}: {}", self.metric.key, self.dataset, self.method)
     }

@@ -1,4 +1,4 @@
-//! Scores from entry to entry, and the entries that changed them.
+//! Scores from entry to entry, and the entries at which they changed.
 //!
 //! # Comparable entries
 //! An entry continues a series from an earlier entry: the latest one that has the same photographs and can be
@@ -71,13 +71,13 @@ pub struct Point {
     pub ci_high: Option<f64>,
     /// First digits of the SHA-256 of the method's weights; empty without weights.
     pub weights: String,
-    /// Identity of everything that determines the method's predictions.
+    /// The method's identity as text: its kind and everything else that determines its predictions.
     pub identity: String,
     /// Number of the entry that this point is compared with; `None` at the start of a part of the series.
     pub follows: Option<u32>,
     /// Why the point is not comparable with the previous entry.
     pub broken: Option<String>,
-    /// The mark of a change point; `None` for other points.
+    /// How the scores changed, if the entry is a change point; otherwise `None`.
     pub change: Option<Mark>,
 }
 
@@ -115,11 +115,12 @@ struct Growing {
 #[derive(Debug)]
 struct Stretch {
     last: Arc<Entry>,
-    /// The last change point, or the first entry.
+    /// The part's last change point or, without one, its first entry.
     reference: Arc<Entry>,
 }
 
-/// All series, updated entry by entry. An entry is dropped once no later entry can be compared with it any more.
+/// All series, updated entry by entry. An entry is kept in memory only as long as later entries may be compared with
+/// it.
 #[derive(Debug, Default)]
 pub(super) struct Trend(Vec<Growing>);
 
@@ -134,7 +135,7 @@ impl Trend {
         }
     }
 
-    /// The finished series, by metric, dataset and method.
+    /// The finished series, sorted by metric, dataset and method.
     pub(super) fn into_series(self) -> Vec<Series> {
         let place = |name: fn(&Series) -> &str| {
             let mut places = BTreeMap::new();
