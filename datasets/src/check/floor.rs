@@ -15,6 +15,9 @@ const MIN_MISS: f64 = 2.5;
 const MAX_CLOSE: f64 = 0.35;
 /// Distance, in reduced pixels, within which a match is close to its predicted place.
 const CLOSE: f64 = 2.0;
+/// Depth that covers little of the pictures is judged by the matches of all pairs together, if they have depth at this
+/// many matches at least.
+const MIN_POOLED: usize = 12;
 /// Poses and pictures contradict each other if at most this fraction of the matches are near their epipolar lines. Even
 /// the lines of unrelated poses pass near some matches.
 const MAX_NEAR_LINES: f64 = 0.35;
@@ -81,10 +84,7 @@ impl Residual {
     /// Median distance of matches from their predicted places; `None` if there are too few matches,
     /// or if the matches do not contradict depth.
     fn misses_by(&self) -> Option<f64> {
-        let n = self.misses.len();
-        let median = *self.misses.get(n / 2).filter(|_| n >= MIN_MATCHES)?;
-        let close = self.misses.partition_point(|miss| *miss < CLOSE);
-        (median >= MIN_MISS && close as f64 <= MAX_CLOSE * n as f64).then_some(median)
+        median_miss(&self.misses).filter(|_| self.misses.len() >= MIN_MATCHES)
     }
 
     fn is_off_lines(&self) -> bool {
@@ -93,6 +93,49 @@ impl Residual {
 
     fn is_contradicted(&self) -> bool {
         self.is_off_lines() || self.misses_by().is_some()
+    }
+}
+
+/// Median of ascending distances of matches from their predicted places; `None` if the matches do not contradict depth.
+fn median_miss(misses: &[f64]) -> Option<f64> {
+    let median = *misses.get(misses.len() / 2)?;
+    let close = misses.partition_point(|miss| *miss < CLOSE);
+    (median >= MIN_MISS && close as f64 <= MAX_CLOSE * misses.len() as f64).then_some(median)
+}
+
+/// A sentence on sparse depth that the matches of all pairs contradict together, although each pair has depth at too few
+/// of them. Only pairs whose pictures fit their poses, and whose colours do not fit depth, are considered.
+fn sparse_contradiction(residuals: &[Residual], neighbours: &Neighbours<'_>) -> Option<String> {
+    let misses = residuals
+        .iter()
+        .filter(|one| one.is_on_lines() && !neighbours.is_explained(one.first))
+        .flat_map(|one| one.misses.iter().copied());
+    let mut misses: Vec<f64> = misses.collect();
+    misses.sort_by(f64::total_cmp);
+    let median = median_miss(&misses).filter(|_| misses.len() >= MIN_POOLED)?;
+    Some(format!(
+        "pictures and poses fit each other, so depth does not fit them, and no known correction explains it: depth and \
+         poses predict {} matched features {} away; {}",
+        misses.len(),
+        distance(median),
+        unfitting_depth(neighbours)
+    ))
+}
+
+fn distance(median: f64) -> String {
+    if median.is_finite() {
+        format!("{median:.1} pixels (median at a width of at most {WIDEST}; below 1 is usual)")
+    } else {
+        "far".to_owned()
+    }
+}
+
+/// Possible causes of depth that fits neither pictures nor poses.
+fn unfitting_depth(neighbours: &Neighbours<'_>) -> &'static str {
+    if neighbours.depth_by_pose {
+        "perhaps the transformation that places the scan is wrong or missing, or the scan is in another unit than the poses"
+    } else {
+        "perhaps depth is nonlinear, is wrapped around, or belongs to another source or picture size"
     }
 }
 
@@ -108,6 +151,9 @@ pub(super) fn contradiction(
     let contradicted: Vec<&Residual> = contradicted.filter(|one| !is_explained(one)).collect();
     let mut contradicted = contradicted.into_iter();
     let n = contradicted.clone().count();
+    if n == 0 {
+        return sparse_contradiction(&residuals, neighbours?);
+    }
     let by_lines = contradicted.clone();
     let worst = by_lines.min_by(|a, b| a.near_lines().total_cmp(&b.near_lines()))?;
     let [one, next] = [worst.first, worst.first + 1].map(|i| matches.id(i));
@@ -119,17 +165,15 @@ pub(super) fn contradiction(
     let is_comparable = |one: &&Residual| one.matches >= MIN_MATCHES;
     let comparable = residuals.iter().filter(is_comparable).count();
     let misses = worst.misses_by().map_or(String::new(), |median| {
-        let by = if median.is_finite() {
-            format!("{median:.1} pixels (median at a width of at most {WIDEST}; below 1 is usual)")
-        } else {
-            "far".to_owned()
-        };
-        format!(", and depth and poses predict them {by} away")
+        format!(
+            ", and depth and poses predict them {} away",
+            distance(median)
+        )
     });
     let (what, causes) = if contradicted.all(Residual::is_on_lines) {
         (
             "pictures and poses fit each other, so depth does not fit them",
-            "perhaps depth is nonlinear, is wrapped around, or belongs to another source or picture size",
+            neighbours.map_or("", unfitting_depth),
         )
     } else {
         (

@@ -248,7 +248,9 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             // If no interpretation of depth explains the views, features may still show which pictures belong to which
             // poses.
             contradiction.or_else(|| {
-                let is_suspicious = effort.thorough || neighbours.is_poorly_explained();
+                let is_suspicious = effort.thorough
+                    || neighbours.is_poorly_explained()
+                    || neighbours.has_little_scan_depth();
                 // Colours that fit show which matches of repeated patterns are wrong.
                 let matches = is_suspicious.then(|| Matches::new(&scene.views, effort, false))?;
                 let named = effort
@@ -376,7 +378,12 @@ fn decode(view: &View) -> Decoded {
         Ok(Some(depth)) => {
             let valid = depth.iter().filter(|z| **z > 0.0).count();
             if valid == 0 {
-                problems.push(format!("{}: no pixel has depth", view.id));
+                let cause = if view.content.processing().depth_by_pose {
+                    "; perhaps the transformation that places the scan is wrong"
+                } else {
+                    ""
+                };
+                problems.push(format!("{}: no pixel has depth{cause}", view.id));
             }
             Some(valid as f64 / depth.len().max(1) as f64)
         }

@@ -23,6 +23,9 @@ const MIN_MOVED: f64 = 1.5;
 /// Colours fit if their difference is at most this fraction of the difference between unrelated places.
 const EXPLAINED: f64 = 0.35;
 
+/// Share of pixels with depth below which a scan is examined more closely.
+const LITTLE_SCAN_DEPTH: f64 = 0.3;
+
 /// Two views differ in exposure if their levels differ by at least this factor.
 const MIN_EXPOSURE_FACTOR: f64 = 1.12;
 /// Two views differ in exposure only if correcting for the factor reduces their colour difference to this share or
@@ -253,6 +256,15 @@ impl<'a> Neighbours<'a> {
         let shares: Vec<f64> = masked.map(|(_, (view, _))| view.excluded()).collect();
         let share = shares.iter().sum::<f64>() / shares.len() as f64;
         (share > 0.5).then_some(share)
+    }
+
+    /// True if a scan gives depth to so few pixels that it may be in the wrong place.
+    pub(super) fn has_little_scan_depth(&self) -> bool {
+        let (known, all) = self.small.values().fold((0, 0), |sum, (view, samples)| {
+            let (w, h) = (view.camera.width as usize, view.camera.height as usize);
+            (sum.0 + samples.len(), sum.1 + w * h)
+        });
+        self.depth_by_pose && (known as f64) < LITTLE_SCAN_DEPTH * all as f64
     }
 
     pub(super) fn is_poorly_explained(&self) -> bool {

@@ -63,6 +63,16 @@ impl<S: DepthSource> DepthSource for ScaledToGroundTruth<S> {
         else {
             return Ok(None);
         };
+        if let Some(path) = self.0.files(scene, view).into_iter().next()
+            && correlation_of_logs(&sparse, &dense).is_some_and(|of| of <= MAX_OF_INVERSE)
+        {
+            let reason = format!(
+                "its values fall where the dataset's own depth of {}/{} rises, so they are probably inverse depth or \
+                 disparity; convert them to z-depth",
+                scene.id, view.id
+            );
+            return Err(PairError::Depth { path, reason });
+        }
         let scale = median_scale(&sparse, &dense)?.scale as f32;
         for depth in dense.iter_mut() {
             *depth *= scale;
@@ -81,6 +91,41 @@ impl<S: DepthSource> DepthSource for ScaledToGroundTruth<S> {
     fn in_parallel(&self) -> bool {
         self.0.in_parallel()
     }
+}
+
+/// Maximum correlation with the logarithm of true depth at which a map counts as inverse depth.
+const MAX_OF_INVERSE: f64 = -0.7;
+/// Correlation is computed only if the logarithms of both maps have at least this standard deviation, so that noise cannot
+/// decide.
+const MIN_DEVIATION: f64 = 0.1;
+/// Correlation is computed only if at least this many pixels are valid in both maps.
+const MIN_CORRELATED: usize = 100;
+
+/// Pearson correlation of the logarithms of two depth maps over the pixels at which both are valid; `None` if their sizes
+/// differ, or if too few pixels or too little variation can be compared.
+fn correlation_of_logs(truth: &DepthMap, other: &DepthMap) -> Option<f64> {
+    let both = truth.iter().zip(other.iter());
+    let both = both.filter(|(a, b)| is_valid_depth(**a) && is_valid_depth(**b));
+    let logs: Vec<[f64; 2]> = both
+        .map(|(a, b)| [*a, *b].map(|depth| f64::from(depth).ln()))
+        .collect();
+    let n = logs.len() as f64;
+    if truth.dimensions() != other.dimensions() || logs.len() < MIN_CORRELATED {
+        return None;
+    }
+    let mean = |i: usize| logs.iter().map(|of| of[i]).sum::<f64>() / n;
+    let means = [mean(0), mean(1)];
+    let product = |i: usize, j: usize| {
+        let sum = logs
+            .iter()
+            .map(|of| (of[i] - means[i]) * (of[j] - means[j]));
+        sum.sum::<f64>() / n
+    };
+    let deviations = [product(0, 0).sqrt(), product(1, 1).sqrt()];
+    let varies = deviations
+        .iter()
+        .all(|deviation| *deviation >= MIN_DEVIATION);
+    varies.then(|| product(0, 1) / (deviations[0] * deviations[1]))
 }
 
 #[derive(Debug, Clone)]
@@ -181,6 +226,23 @@ mod tests {
         let even = DepthMap::from_vec(2, 2, vec![next, 0.5, 1.0, 9.0]).unwrap();
         assert_eq!(median_depth_m(&even), Some(0.5 + 0.5 * f64::from(next)));
         assert_eq!(median_depth_m(&DepthMap::new(2, 2)), None);
+    }
+
+    #[test]
+    fn inverse_depth_is_told_from_depth() {
+        let truth = DepthMap::from_fn(20, 10, |x, y| Luma([1.0 + 0.2 * (x + y) as f32]));
+        let map = |of: &dyn Fn(f32) -> f32| {
+            let mut map = truth.clone();
+            map.iter_mut().for_each(|z| *z = of(*z));
+            correlation_of_logs(&truth, &map)
+        };
+        let is_inverse = |of: &dyn Fn(f32) -> f32| map(of).unwrap() <= MAX_OF_INVERSE;
+        assert!(is_inverse(&|z| 1.0 / z) && is_inverse(&|z| 200.0 / z + 30.0));
+        assert!(!is_inverse(&|z| 5.0 * z) && !is_inverse(&|z| z * z + 3.0));
+        // Neither a uniform map nor a flat scene can be judged.
+        assert_eq!(map(&|_| 2.0), None);
+        let flat = DepthMap::from_pixel(20, 10, Luma([2.0]));
+        assert_eq!(correlation_of_logs(&flat, &truth), None);
     }
 
     #[test]

@@ -12,8 +12,9 @@ use crate::check::advice::Units;
 use crate::check::convention::{camera_mirrored, places_mirrored, turned_in_place};
 use crate::check::{QUICK, THOROUGH, check, look, plausible};
 use crate::lens::{Distortion, Lens};
+use crate::processing::Processing;
 use crate::synthetic::{SyntheticOptions, SyntheticScene};
-use crate::{DepthMap, Pairing, Scene, View};
+use crate::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
 
 const SIZE: (u32, u32) = (128, 96);
 
@@ -1070,6 +1071,67 @@ fn what_no_change_explains_is_named_as_a_contradiction() {
                 );
             }
         }
+    }
+}
+
+/// A view whose depth comes from a scan.
+#[derive(Debug)]
+struct Scanned(Pixels);
+
+impl ViewContent for Scanned {
+    fn image(&self) -> Result<RgbImage, DatasetError> {
+        self.0.image()
+    }
+
+    fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
+        self.0.depth()
+    }
+
+    fn processing(&self) -> Processing {
+        Processing {
+            depth_by_pose: true,
+            ..self.0.processing()
+        }
+    }
+}
+
+/// Scans that give depth to a few per cent of the pixels: one in its place, and one whose points, after a wrong
+/// transformation, are a square in front of the scene. The depth of such a square agrees between all views.
+#[test]
+fn a_scan_in_another_place_is_named_although_few_pixels_have_depth() {
+    let right = views(0, (256, 192));
+    let scanned = |depth_of: &dyn Fn(&View, u32, u32, f32) -> f32| {
+        let mut views = right.clone();
+        for view in &mut views {
+            let mut pixels = Pixels::of(view);
+            for (x, y, z) in pixels.depth.as_mut().unwrap().enumerate_pixels_mut() {
+                z.0[0] = depth_of(view, x, y, z.0[0]);
+            }
+            view.content = Arc::new(Scanned(pixels));
+        }
+        views
+    };
+    let in_place = scanned(&|_, x, y, z| {
+        let is_scanned = (100..160).contains(&x) && (70..120).contains(&y);
+        if is_scanned { z } else { 0.0 }
+    });
+    let square = right[4].camera_from_world;
+    let elsewhere = scanned(&|view, x, y, _| {
+        let square_from_camera = square.after(&view.camera_from_world.inverse());
+        let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let ray = square_from_camera.rotation * view.intrinsics.unproject(at, 1.0);
+        let z = (1.0 - square_from_camera.translation.z) / ray.z;
+        let hit = square_from_camera.translation + ray * z;
+        let is_inside = z > 0.0 && hit.truncate().abs().max_element() < 0.15;
+        if is_inside { z as f32 } else { 0.0 }
+    });
+    for effort in [THOROUGH, QUICK] {
+        assert_eq!(super::found(&in_place, effort), [""; 0], "{effort:?}");
+        let said = super::found(&elsewhere, effort);
+        assert!(
+            said.len() == 1 && said[0].contains("the transformation that places the scan"),
+            "{effort:?}: {said:?}"
+        );
     }
 }
 
