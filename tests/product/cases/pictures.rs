@@ -490,11 +490,8 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
         run(&format!("imported:dir={to}"), &format!("r-{to}"))
     };
     let (own, same) = (|k: usize| k, |v: f64| v);
-    let levels: [(&str, &dyn Fn(f64) -> f64); 3] = [
-        ("as-made", &same),
-        ("dim", &|v| 0.7 * v),
-        ("pale", &|v| 0.8 * v + 30.0),
-    ];
+    let levels: [(&str, &dyn Fn(f64) -> f64); 2] =
+        [("as-made", &same), ("pale", &|v| 0.8 * v + 30.0)];
     let poor = ["m", "c", "d"].map(|of| {
         levels.map(|(name, level)| {
             let to = format!("{of}-{name}");

@@ -1,6 +1,6 @@
 //! Detects Gaussians that were transformed wrongly in a way that no setting corrects.
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
 use sharp::gaussians::Gaussians;
 use sharp::render::RenderError;
 
@@ -53,18 +53,6 @@ impl Trial<'_> {
         elsewhere: &[Trial<'_>],
     ) -> Result<Option<(f64, Likeness)>, RenderError> {
         let map = reading.placement.camera_from_file(self.source);
-        let between = between_pixels(self.photograph);
-        let moved = Trial {
-            photograph: &between,
-            moved: [0.5; 2],
-            ..*self
-        };
-        // Narrow Gaussians at the pixels' centres copy the photograph's noise, so they must also match between the
-        // centres.
-        let fits_between = |narrower: &Gaussians| -> Result<bool, RenderError> {
-            let [own, other] = [gaussians, narrower].map(|of| moved.fit(of, map));
-            Ok(matches!((own?, other?), (Some(own), Some(other)) if other.gain_over(&own) > 0.0))
-        };
         let mut best: Option<(f64, Likeness)> = None;
         for factor in WIDTHS
             .into_iter()
@@ -92,10 +80,74 @@ impl Trial<'_> {
                 && best
                     .as_ref()
                     .is_none_or(|(_, known)| fit.error() < known.error())
-                && (factor > 1.0 || fits_between(&other)?)
+                && (factor > 1.0 || self.fits_between([gaussians, &other], map)?)
                 && self.is_borne_out([gaussians, &other], reading, elsewhere)?
             {
                 best = Some((factor, fit));
+            }
+        }
+        Ok(best)
+    }
+
+    /// Whether narrower Gaussians fit the photograph better than `gaussians` at the corners of its pixels, too. At the
+    /// centres, narrow Gaussians copy the photograph's noise.
+    pub(super) fn fits_between(
+        &self,
+        [gaussians, narrower]: [&Gaussians; 2],
+        camera_from_file: DAffine3,
+    ) -> Result<bool, RenderError> {
+        let between = between_pixels(self.photograph);
+        let moved = Trial {
+            photograph: &between,
+            moved: [0.5; 2],
+            ..*self
+        };
+        let [own, other] = [gaussians, narrower].map(|of| moved.fit(of, camera_from_file));
+        Ok(matches!((own?, other?), (Some(own), Some(other)) if other.gain_over(&own) > 0.0))
+    }
+
+    /// Turns means and quaternions, but not the harmonics, by each of [`Self::turns`], and the camera with them. If the
+    /// best match is significantly better than `as_read`, returns its angle, in degrees, and its comparison: the
+    /// Gaussians were probably turned without their harmonics.
+    pub(in crate::evaluate) fn other_harmonics(
+        &self,
+        gaussians: &Gaussians,
+        reading: &FileReading,
+        as_read: &Likeness,
+        elsewhere: &[Trial<'_>],
+    ) -> Result<Option<(f64, Likeness)>, RenderError> {
+        let mut best: Option<(f64, Likeness)> = None;
+        let is_drawn = self.rule.is_some_and(|rule| rule.degree > 0);
+        if gaussians.harmonics.degree == 0 || !is_drawn {
+            return Ok(best);
+        }
+        let placed = reading.placement.camera_from_file(self.source);
+        let error_elsewhere = |gaussians: &Gaussians, back: DAffine3| {
+            let mut all = Likeness::default();
+            for other in elsewhere.iter().filter(|_| self.of_several_views) {
+                let map = self.source.to(other.source).to_affine() * placed * back;
+                let fit = other.fit(gaussians, map)?;
+                all = fit.map_or(all.clone(), |fit| all.joined(&fit));
+            }
+            Ok::<_, RenderError>(all.error())
+        };
+        let error_as_read = error_elsewhere(gaussians, DAffine3::IDENTITY)?;
+        for turn in self.turns(reading.placement) {
+            let mut other = with_turned_quaternions(gaussians, turn);
+            for mean in &mut other.means {
+                *mean = (turn * DVec3::from(mean.map(f64::from)))
+                    .as_vec3()
+                    .to_array();
+            }
+            let back = DAffine3::from_quat(turn.inverse());
+            if let Some(fit) = self.fit(&other, placed * back)?
+                && fit.is_better_than(as_read)
+                && best
+                    .as_ref()
+                    .is_none_or(|(_, known)| fit.error() < known.error())
+                && error_elsewhere(&other, back)? <= error_as_read
+            {
+                best = Some((degrees(turn), fit));
             }
         }
         Ok(best)
@@ -115,12 +167,7 @@ impl Trial<'_> {
         let own_area = self.mean_area(gaussians, placement);
         let mut best: Option<(f64, Likeness)> = None;
         for turn in self.turns(placement) {
-            let mut other = gaussians.clone();
-            for quaternion in &mut other.quaternions {
-                let [w, x, y, z] = quaternion.map(f64::from);
-                let turned = turn * DQuat::from_xyzw(x, y, z, w);
-                *quaternion = [turned.w, turned.x, turned.y, turned.z].map(|v| v as f32);
-            }
+            let other = with_turned_quaternions(gaussians, turn);
             // Skip turns that show the Gaussians more edge-on: they would only sharpen a rendering whose Gaussians are
             // too wide.
             if self.mean_area(&other, placement) >= MIN_FACING_AREA * own_area
@@ -198,6 +245,16 @@ fn with_widths(gaussians: &Gaussians, factor: f64) -> Gaussians {
     let mut other = gaussians.clone();
     let scales = other.scales.as_flattened_mut().iter_mut();
     scales.for_each(|scale| *scale *= factor as f32);
+    other
+}
+
+fn with_turned_quaternions(gaussians: &Gaussians, turn: DQuat) -> Gaussians {
+    let mut other = gaussians.clone();
+    for quaternion in &mut other.quaternions {
+        let [w, x, y, z] = quaternion.map(f64::from);
+        let turned = turn * DQuat::from_xyzw(x, y, z, w);
+        *quaternion = [turned.w, turned.x, turned.y, turned.z].map(|v| v as f32);
+    }
     other
 }
 

@@ -13,7 +13,7 @@ use sharp::render::{PrincipalPoint, RenderError, RenderOutput, RenderView, Rule}
 
 use super::footprint::{MIN_HOLES, mean_area};
 use super::likeness::Likeness;
-pub(in crate::evaluate) use candidates::Moves;
+pub(in crate::evaluate) use candidates::Hints;
 use candidates::{numbers, placements};
 
 use crate::methods::file_reading::{FileReading, FileSpace, Placement};
@@ -65,6 +65,9 @@ const MIN_WHOLE_COVERAGE: f64 = 0.7;
 /// Another order of quaternions is accepted only if the area of the Gaussians is at least this fraction of the area as
 /// read. Wrong orders reduce the area, because most Gaussians lie on surfaces that face the camera.
 pub(super) const MIN_FACING_AREA: f64 = 0.97;
+/// Another named rendering rule is advised only if it gains at least this much, in dB. In the source's own view, poor but
+/// correctly drawn Gaussians look much the same under all rules.
+const MIN_RULE_GAIN_DB: f64 = 3.0;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
 
@@ -88,6 +91,23 @@ fn general(rule: Rule) -> Rule {
         principal_point: PrincipalPoint::Used,
         ..rule
     }
+}
+
+/// The rule with the low-pass and the compensation of each other named rule that does not merely sharpen by a smaller
+/// low-pass; none without a rule.
+fn other_rules(rule: Option<Rule>) -> Vec<Rule> {
+    let mut all: Vec<Rule> = rule.into_iter().collect();
+    for (_, named) in Rule::NAMED.iter().filter(|_| rule.is_some()) {
+        let other = Rule {
+            low_pass: named.low_pass,
+            compensation: named.compensation,
+            ..all[0]
+        };
+        if other.low_pass >= all[0].low_pass && !all.contains(&other) {
+            all.push(other);
+        }
+    }
+    all.into_iter().skip(1).collect()
 }
 
 impl Trial<'_> {
@@ -332,16 +352,14 @@ impl Trial<'_> {
     /// The best reading that explains the photograph significantly better than `as_read`, either in this part alone or
     /// together with `neighbours` (other views of the scene), and that does not increase the error in the neighbours.
     /// Several such readings are ranked by the gain over part and neighbours, because wrongly rotated Gaussians may
-    /// cover their own source better than correct ones. `moves` are the shifts and zooms that align the rendering.
-    /// `is_lost` states that the rendering shows nothing, so that all axes are tried.
+    /// cover their own source better than correct ones.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
         reading: &FileReading,
         as_read: &Likeness,
         neighbours: &[Trial<'_>],
-        moves: &Moves,
-        is_lost: bool,
+        hints: &Hints,
     ) -> Result<Option<(FileReading, Likeness)>, RenderError> {
         let mut best = (*reading, as_read.clone());
         for _ in 0..ROUNDS {
@@ -368,7 +386,7 @@ impl Trial<'_> {
                 Ok::<(), RenderError>(())
             };
             let general_rule = self.under(before).general_rule();
-            for placement in placements(before.placement, moves, is_lost) {
+            for placement in placements(before.placement, hints) {
                 // If the rule ignores the principal point, a shift to that point is due to the rule, not to the file.
                 let moved = [0, 1].map(|axis| placement.shift[axis] - before.placement.shift[axis]);
                 if general_rule.is_some() && self.is_ignored_offset(moved) {
@@ -384,6 +402,10 @@ impl Trial<'_> {
             }
             if general_rule.is_some() {
                 let rule = general_rule;
+                consider(FileReading { rule, ..*before }, &decoded)?;
+            }
+            for rule in other_rules(self.under(before).rule) {
+                let rule = Some(rule);
                 consider(FileReading { rule, ..*before }, &decoded)?;
             }
             let map = before.placement.camera_from_file(self.source);
@@ -428,7 +450,12 @@ impl Trial<'_> {
                     && (is_closer(&own, &own_before) || is_closer(&all, &all_before));
                 let is_shift = candidate.placement.shift != before.placement.shift;
                 let is_large = own.gain_over(&own_before) >= UNCONFIRMED_SHIFT_GAIN_DB;
-                let must_improve = is_shift && !is_large || self.of_several_views;
+                let is_rule = candidate.rule != before.rule && candidate.rule != general_rule;
+                // Narrower Gaussians may merely copy the photograph's noise.
+                let is_sharpened = candidate.stored.scales != before.stored.scales
+                    && area(&candidate) < area(before);
+                let must_improve =
+                    is_shift && !is_large || is_rule || is_sharpened || self.of_several_views;
                 let zooms = [0, 1].map(|axis| {
                     let [own, other] = [&candidate, before].map(|reading| reading.placement.focal);
                     (own[axis] / other[axis] - 1.0).abs()
@@ -454,11 +481,19 @@ impl Trial<'_> {
                         gain > *its_gain
                     }
                 });
+                let is_weak_rule = is_rule && fit.gain_over(fit_before) < MIN_RULE_GAIN_DB;
+                let is_noise = is_sharpened
+                    && !(hints.is_blurred
+                        && self.fits_between([&decoded, &recoded(&candidate)], map)?);
+                let is_off = is_shift
+                    && candidate.placement.focal == before.placement.focal
+                    && !self.brings_colors_nearer(&decoded, before, candidate.placement);
                 // Skip orders of quaternions that show the Gaussians more edge-on: they would only sharpen a rendering
                 // whose Gaussians are too wide.
                 let is_narrower = candidate.stored.quaternions != before.stored.quaternions
                     && area(&candidate) < MIN_FACING_AREA * area(before);
-                if is_better && !worse && is_closest && !is_narrower && !is_chance {
+                let is_misleading = is_narrower || is_chance || is_weak_rule || is_noise || is_off;
+                if is_better && !worse && is_closest && !is_misleading {
                     chosen = Some((candidate, fit, gain));
                 }
             }

@@ -24,7 +24,7 @@ use super::likeness::{Likeness, between_pixels, blur, window};
 use super::other_view::{OtherView, best_shown, other_view, other_views};
 use super::registration::zoom;
 use super::render::placed;
-use super::rereading::{Moves, Seen, Trial};
+use super::rereading::{Hints, Seen, Trial};
 use crate::methods::file_reading::{FileReading, FileSpace};
 use crate::methods::{GaussianPrediction, GaussianSpace};
 use crate::pairs::PosedCamera;
@@ -342,6 +342,8 @@ struct Findings<'a> {
     other: Option<OtherView<'a>>,
     /// Rotation of the quaternions, in degrees, that matches significantly better, and the comparison after it.
     turned: Option<(f64, Likeness)>,
+    /// Like `turned`, for a rotation of means and quaternions without the harmonics.
+    harmonics: Option<(f64, Likeness)>,
     /// Comparison of the Gaussians placed by the inverse of the source's pose, if it is significantly better than
     /// `as_read`.
     inverse: Option<Likeness>,
@@ -374,13 +376,14 @@ impl<'a> Findings<'a> {
         if !is_right {
             let zoom = |along| zoom(photograph, &seen.picture, trial.principal_point(), along);
             let zooms = [[1, 1], [0, 1], [1, 0]].into_iter().filter_map(zoom);
-            let moves = Moves {
+            let hints = Hints {
+                is_lost,
+                is_blurred: seen.is_blurred,
                 aside: trial.flat_shift(gaussians, own)?,
                 zooms: zooms.collect(),
                 spread: trial.spread(gaussians, own),
             };
-            let best =
-                trial.best_reading(gaussians, reading, &compared, elsewhere, &moves, is_lost)?;
+            let best = trial.best_reading(gaussians, reading, &compared, elsewhere, &hints)?;
             if let Some((other, _)) = &best
                 && is_confirmed(trial, gaussians, reading, other)?
             {
@@ -388,11 +391,12 @@ impl<'a> Findings<'a> {
             }
         }
         let other = other_view(prediction, reading, trial, elsewhere, &compared, &shown)?;
-        let (turned, inverse) = if is_right {
-            (None, None)
+        let (turned, harmonics, inverse) = if is_right {
+            (None, None, None)
         } else {
             (
                 trial.other_turn(gaussians, reading, &compared, elsewhere)?,
+                trial.other_harmonics(gaussians, reading, &compared, elsewhere)?,
                 trial.fit_with_inverse_pose(gaussians, reading, &compared)?,
             )
         };
@@ -422,6 +426,7 @@ impl<'a> Findings<'a> {
             better,
             other,
             turned: None,
+            harmonics: None,
             inverse: None,
             missing,
             holes: seen.holes,
@@ -429,14 +434,17 @@ impl<'a> Findings<'a> {
             id: trial.source.id.clone(),
         };
         found.turned = turned.filter(|(_, fit)| found.is_best(fit));
+        found.harmonics = harmonics.filter(|(_, fit)| found.is_best(fit));
         found.inverse = inverse.filter(|fit| found.is_best(fit));
         Ok(found)
     }
 
-    /// Whether a comparison has a smaller error than those with another reading, another view or turned quaternions.
+    /// Whether a comparison has a smaller error than those with another reading, another view, turned quaternions or turned
+    /// harmonics.
     fn is_best(&self, fit: &Likeness) -> bool {
         let better = self.better.iter().map(|(_, fit)| fit);
-        let turned = self.turned.iter().map(|(_, fit)| fit);
+        let turned = self.turned.iter().chain(&self.harmonics);
+        let turned = turned.map(|(_, fit)| fit);
         let other = self.other.iter().map(|other| &other.fit);
         let mut known = better.chain(turned).chain(other);
         known.all(|known| fit.error() < known.error())
@@ -456,6 +464,15 @@ impl<'a> Findings<'a> {
                     "{shown}; with the inverse of the source's pose, they reach {:.2} dB, so they were moved to world \
                      space with world-to-camera extrinsics; no setting corrects this; write them with camera-to-world \
                      extrinsics",
+                    fit.psnr()
+                ),
+            ),
+            _ if let Some((degrees, fit)) = &self.harmonics => (
+                "harmonics",
+                format!(
+                    "{shown}; with their harmonics turned by {degrees:.0}°, they reach {:.2} dB, so means and quaternions \
+                     were turned without the harmonics; no setting corrects this; turn the coefficients, too, when \
+                     writing the file (`harmonics=drop` draws only their constant colour)",
                     fit.psnr()
                 ),
             ),
@@ -586,8 +603,10 @@ fn add_doubts(
         )
     };
     let other_widths = || -> Result<Option<String>, RenderError> {
-        let is_explained =
-            found.missing.is_some() || found.turned.is_some() || found.inverse.is_some();
+        let is_explained = found.missing.is_some()
+            || found.turned.is_some()
+            || found.harmonics.is_some()
+            || found.inverse.is_some();
         if found.as_read.psnr() >= RIGHT_DB || is_explained {
             return Ok(None);
         }

@@ -158,9 +158,13 @@ fn distorted(views: &mut [View], k1: f64) {
 
 #[test]
 fn lens_distortion_of_a_few_pixels_is_named() {
-    for seed in [0, 2] {
-        for (k1, cause) in [(-0.2, "a k1 of about -0."), (0.2, "a k1 of about 0.")] {
-            let mut wrong = views(seed, (256, 192));
+    for world in [0, 1] {
+        let cases = [(-0.2, "a k1 of about -0."), (0.2, "a k1 of about 0.")];
+        for (i, (k1, cause)) in cases.into_iter().enumerate() {
+            if !is_tried(i, world) {
+                continue;
+            }
+            let mut wrong = views(2 * world, (256, 192));
             distorted(&mut wrong, k1);
             is_named("lens", &wrong, THOROUGH, cause);
         }
@@ -171,9 +175,14 @@ fn lens_distortion_of_a_few_pixels_is_named() {
 #[test]
 fn rounded_poses_are_not_called_another_error() {
     let mut named = 0;
-    for digits in [10.0, 100.0] {
-        for right in classic_and_varied().into_iter().chain([varied(1)]) {
-            let mut wrong = right;
+    let worlds = classic_and_varied().into_iter().chain([varied(1)]);
+    let worlds: Vec<Vec<View>> = worlds.collect();
+    for (i, digits) in [10.0, 100.0].into_iter().enumerate() {
+        for (world, right) in (0..).zip(&worlds) {
+            if !is_tried(i, world % 2) {
+                continue;
+            }
+            let mut wrong = right.clone();
             for view in &mut wrong {
                 let place = &mut view.camera_from_world.translation;
                 *place = DVec3::from_array(place.to_array().map(|v| (v * digits).round() / digits));
@@ -186,7 +195,7 @@ fn rounded_poses_are_not_called_another_error() {
             }
         }
     }
-    assert!(named >= 4, "{named}");
+    assert!(named >= 2, "{named}");
 }
 
 #[test]

@@ -13,9 +13,15 @@ const AXES: [&str; 7] = ["rdf", "rub", "ldb", "luf", "ldf", "ruf", "rfu"];
 /// Units to try for a world space, metres: powers of ten, feet and inches.
 const UNITS_M: [f64; 8] = [0.001, 0.01, 0.1, 10.0, 100.0, 1000.0, 0.3048, 0.0254];
 
-/// Shift (pixels) and pairs of horizontal and vertical factors that may align a rendering with its photograph.
-pub(in crate::evaluate) struct Moves {
+/// What the rendering of the Gaussians, as read, suggests about their file.
+pub(in crate::evaluate) struct Hints {
+    /// The rendering shows nothing of the photograph, so that all axes are tried.
+    pub(in crate::evaluate) is_lost: bool,
+    /// The rendering is a blurred version of the photograph, so that the Gaussians may be too wide.
+    pub(in crate::evaluate) is_blurred: bool,
+    /// Shift that may align the rendering with the photograph, in pixels.
     pub(in crate::evaluate) aside: [f64; 2],
+    /// Pairs of horizontal and vertical factors that may align the rendering with the photograph.
     pub(in crate::evaluate) zooms: Vec<[f64; 2]>,
     /// Factors and shift that spread the Gaussians over the whole photograph ([`Trial::spread`](super::Trial::spread)).
     pub(in crate::evaluate) spread: Option<[[f64; 2]; 2]>,
@@ -23,9 +29,9 @@ pub(in crate::evaluate) struct Moves {
 
 /// Placements to try: other spaces and axes, a world in other units, the inverse of `transform=`, shifts, and other
 /// focal lengths.
-pub(super) fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement> {
+pub(super) fn placements(current: Placement, hints: &Hints) -> Vec<Placement> {
     let mut all = Vec::new();
-    let axes: Vec<Axes> = if is_lost {
+    let axes: Vec<Axes> = if hints.is_lost {
         Axes::every().collect()
     } else {
         AXES.into_iter().filter_map(Axes::parse).collect()
@@ -55,15 +61,15 @@ pub(super) fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Ve
     }));
     let rounded = |value: f64| (value * 1000.0).round() / 1000.0;
     all.push(Placement {
-        shift: [0, 1].map(|axis| rounded(current.shift[axis] + moves.aside[axis])),
+        shift: [0, 1].map(|axis| rounded(current.shift[axis] + hints.aside[axis])),
         ..current
     });
-    all.extend(moves.spread.map(|[zoom, aside]| Placement {
+    all.extend(hints.spread.map(|[zoom, aside]| Placement {
         focal: [0, 1].map(|axis| rounded(current.focal[axis] * zoom[axis])),
         shift: [0, 1].map(|axis| rounded(zoom[axis] * current.shift[axis] + aside[axis])),
         ..current
     }));
-    all.extend(moves.zooms.iter().map(|zoom| Placement {
+    all.extend(hints.zooms.iter().map(|zoom| Placement {
         focal: [0, 1].map(|axis| rounded(current.focal[axis] * zoom[axis])),
         ..current
     }));

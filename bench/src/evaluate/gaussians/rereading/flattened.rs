@@ -1,11 +1,13 @@
 //! Compares shifts and focal lengths on flattened Gaussians: most neighbours have the same depth, so that none covers
-//! the others systematically.
+//! the others systematically. For shifts, the colours at the Gaussians' centres must agree, too.
 //!
 //! On a slanted surface, each Gaussian is partly covered by nearer neighbours. Even if a file is read correctly, this
 //! moves its rendering by up to a pixel, which must not be taken for a wrong shift or focal length.
 
 use glam::{DAffine3, DVec3};
+use sharp::color::srgb_from_linear;
 use sharp::gaussians::Gaussians;
+use sharp::ply::ColorSpace;
 use sharp::render::RenderError;
 
 use super::super::likeness::Likeness;
@@ -15,6 +17,9 @@ use crate::methods::file_reading::{FileReading, Placement};
 
 /// Ratio between successive depths to which Gaussians are moved.
 const DEPTH_RATIO: f64 = 1.25;
+
+/// A Gaussian is foremost if its depth is at most this multiple of the smallest depth in its pixel and the adjacent ones.
+const FOREMOST: f64 = 1.05;
 
 impl Trial<'_> {
     /// Comparisons of flattened Gaussians with the photograph: as read, and with the shift and the focal length of
@@ -44,6 +49,95 @@ impl Trial<'_> {
         };
         let part = self.region.part_of(self.photograph);
         Ok(shift(&part, &self.renderer.picture(&output)))
+    }
+
+    /// Whether the photograph's colours at the centres of the foremost Gaussians are nearer to the Gaussians' own colours
+    /// under `placement` than under `before`. Unlike a rendering, this does not depend on how Gaussians cover each
+    /// other. True if no centre lies in the photograph.
+    pub(super) fn brings_colors_nearer(
+        &self,
+        gaussians: &Gaussians,
+        before: &FileReading,
+        placement: Placement,
+    ) -> bool {
+        let maps = [before.placement, placement].map(|place| place.camera_from_file(self.source));
+        let is_linear = self
+            .under(before)
+            .rule
+            .is_none_or(|rule| rule.blending == ColorSpace::Linear);
+        let k = self.intrinsics();
+        let (w, h) = (self.region.width, self.region.height);
+        let place = |map: &DAffine3, mean: &[f32; 3]| {
+            let p = map.transform_point3(DVec3::from(mean.map(f64::from)));
+            let at = [k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy];
+            (p.z > 0.0).then_some((at, p.z))
+        };
+        // The centres' places under both placements, and the smallest depth in each pixel.
+        let mut nearest = vec![f64::INFINITY; w as usize * h as usize];
+        let pixel = |[x, y]: [f64; 2]| {
+            let is_inside =
+                (1.0..f64::from(w) - 1.0).contains(&x) && (1.0..f64::from(h) - 1.0).contains(&y);
+            is_inside.then_some(y as usize * w as usize + x as usize)
+        };
+        let mut centres = Vec::new();
+        for (index, mean) in gaussians.means.iter().enumerate() {
+            let [own, other] = [&maps[0], &maps[1]].map(|map| place(map, mean));
+            if let (Some((own, z)), Some((other, _))) = (own, other)
+                && let (Some(at), Some(_)) = (pixel(own), pixel(other))
+            {
+                nearest[at] = nearest[at].min(z);
+                centres.push((index, at, z, [own, other]));
+            }
+        }
+        let mut errors = [0.0; 2];
+        for (index, at, z, places) in centres {
+            // A pixel and its neighbours may be covered by the same surface.
+            let row = w as usize;
+            let around = [at - row, at - 1, at, at + 1, at + row];
+            let front = around
+                .map(|at| nearest[at])
+                .into_iter()
+                .fold(f64::INFINITY, f64::min);
+            if z > FOREMOST * front {
+                continue;
+            }
+            let color = gaussians.colors[index].map(|value| {
+                let encoded = if is_linear {
+                    srgb_from_linear(value)
+                } else {
+                    value
+                };
+                255.0 * f64::from(encoded.clamp(0.0, 1.0))
+            });
+            for (error, place) in errors.iter_mut().zip(places) {
+                *error += self.squared_difference(color, place);
+            }
+        }
+        errors[0] == 0.0 && errors[1] == 0.0 || errors[1] < errors[0]
+    }
+
+    /// Sum over the channels of the squared difference of `color`, in levels, from the photograph at a place in this
+    /// trial's part, in pixels, interpolated bilinearly.
+    fn squared_difference(&self, color: [f64; 3], [x, y]: [f64; 2]) -> f64 {
+        let (w, h) = self.photograph.dimensions();
+        let [x, y] = [
+            x + f64::from(self.region.x) - 0.5,
+            y + f64::from(self.region.y) - 0.5,
+        ];
+        let (left, above) = (x.floor().max(0.0) as u32, y.floor().max(0.0) as u32);
+        let (across, down) = (x - f64::from(left), y - f64::from(above));
+        let level = |dx: u32, dy: u32, channel: usize| {
+            let pixel = self
+                .photograph
+                .get_pixel((left + dx).min(w - 1), (above + dy).min(h - 1));
+            f64::from(pixel.0[channel])
+        };
+        let sum = (0..3).map(|channel| {
+            let row =
+                |dy: u32| (1.0 - across) * level(0, dy, channel) + across * level(1, dy, channel);
+            ((1.0 - down) * row(0) + down * row(1) - color[channel]).powi(2)
+        });
+        sum.sum()
     }
 
     /// The Gaussians seen by the camera, each moved along its ray to the nearest of a few depths and scaled

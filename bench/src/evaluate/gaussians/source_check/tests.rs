@@ -5,6 +5,7 @@ use image::Luma;
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::color::srgb_from_linear;
 use sharp::gaussians::Gaussians;
+use sharp::render::Rule;
 use sharp_datasets::{DatasetError, View, ViewContent};
 use sharp_tests::holds;
 
@@ -597,6 +598,124 @@ fn means_that_were_turned_without_their_quaternions_are_named() {
         *quaternion = [turn.w, turn.x, turn.y, turn.z].map(|v| v as f32);
     }
     assert_eq!(said(&turned), None);
+}
+
+/// Colours depend on the direction. The means were turned with the world, the harmonics were not.
+#[test]
+fn gaussians_that_were_turned_without_their_harmonics_are_named() {
+    let (mut shiny, k) = (stripes(), source().intrinsics);
+    shiny.harmonics = sharp::gaussians::Harmonics {
+        degree: 1,
+        coefficients: (0..shiny.len())
+            .flat_map(|i| {
+                [[0.3, -0.2, 0.1], [0.2, 0.3, -0.3], [-0.3, 0.1, 0.2]]
+                    .map(|c| c.map(|v| v * [1.0, -1.0][i / 7 % 2]))
+            })
+            .collect(),
+    };
+    let renderer = SharedRenderer::cpu();
+    let seen = renderer
+        .render(&shiny, DAffine3::IDENTITY, k, Some(Rule::GSPLAT_CLASSIC))
+        .unwrap();
+    let seen = renderer.picture(&seen);
+    let world_from_camera = source().camera_from_world.inverse();
+    let mut turned = mapped(&shiny, world_from_camera.to_affine());
+    turned.scales.clone_from(&shiny.scales);
+    let q = DQuat::from_mat3(&world_from_camera.rotation);
+    turned
+        .quaternions
+        .fill([q.w, q.x, q.y, q.z].map(|v| v as f32));
+    let mut of_source = FileReading::of_arrays();
+    of_source.rule = Some(Rule::GSPLAT_CLASSIC);
+    let mut of_world = of_source;
+    of_world.placement.space = FileSpace::World;
+    let said = |gaussians: &Gaussians, reading: FileReading| {
+        let space = GaussianSpace::Camera(reading.placement.camera_from_file(&source()));
+        doubt_of(&source(), space, &seen, gaussians.clone(), reading, None)
+    };
+    let text = said(&turned, of_world).unwrap_or_default();
+    assert!(text.contains("turned without the harmonics"), "{text}");
+    assert_eq!(said(&shiny, of_source), None);
+}
+
+/// A wall of narrow Gaussians, which the low-pass of antialiasing rules makes translucent.
+#[test]
+fn another_rendering_rule_is_named_only_if_it_gains_much() {
+    let (mut narrow, k) = (stripes(), source().intrinsics);
+    narrow.scales.fill([0.01; 3]);
+    let [classic, antialiased] = [Rule::GSPLAT_CLASSIC, Rule::GSPLAT_ANTIALIASED];
+    let renderer = SharedRenderer::cpu();
+    let seen = renderer
+        .render(&narrow, DAffine3::IDENTITY, k, Some(classic))
+        .unwrap();
+    let seen = renderer.picture(&seen);
+    let said = |rule: Rule| {
+        let mut reading = FileReading::of_arrays();
+        reading.rule = Some(rule);
+        let facts = facts_of(
+            &source(),
+            GaussianSpace::CAMERA,
+            &seen,
+            narrow.clone(),
+            reading,
+            None,
+            None,
+        );
+        facts.warnings.into_values().collect::<String>()
+    };
+    let text = said(antialiased);
+    assert!(
+        text.contains("with `rendering=gsplat-classic`, they"),
+        "{text}"
+    );
+    assert_eq!(said(classic), "");
+}
+
+/// Gaussians with the photograph's colours at its pixels, slightly too wide, in centimetres and millimetres, on ground
+/// that slopes away from the camera. Narrower Gaussians, or ones moved down by half a pixel, would resemble the
+/// photograph more.
+#[test]
+fn proper_gaussians_on_sloping_ground_are_proper_in_any_unit() {
+    let k = source().intrinsics;
+    let level = |x: u32, y: u32, channel: u64| {
+        let noise = sharp::random::mix(u64::from(y / 2 * 64 + x / 2) * 3 + channel) % 120;
+        (60 + noise) as u8
+    };
+    let seen = RgbImage::from_fn(k.width, k.height, |x, y| {
+        image::Rgb([0, 1, 2].map(|channel| level(x, y, channel)))
+    });
+    for unit in [1.0, 0.01, 0.001] {
+        let mut ground = Gaussians::default();
+        for (x, y, pixel) in seen.enumerate_pixels() {
+            let z = 2.0 + 6.0 * (1.0 - f64::from(y) / f64::from(k.height));
+            let at = |p: u32, c: f64, f: f64| (z * (f64::from(p) + 0.5 - c) / f / unit) as f32;
+            ground
+                .means
+                .push([at(x, k.cx, k.fx), at(y, k.cy, k.fy), (z / unit) as f32]);
+            ground.quaternions.push([1.0, 0.0, 0.0, 0.0]);
+            ground.scales.push([(0.65 * z / k.fx / unit) as f32; 3]);
+            ground.opacities.push(0.95);
+            ground.colors.push(
+                pixel
+                    .0
+                    .map(|v| sharp::color::linear_from_srgb(f32::from(v) / 255.0)),
+            );
+        }
+        let mut reading = FileReading::of_arrays();
+        reading.placement.scale = unit;
+        reading.stored.scales = Some(StoredScales::Log);
+        let facts = facts_of(
+            &source(),
+            GaussianSpace::Camera(reading.placement.camera_from_file(&source())),
+            &seen,
+            ground,
+            reading,
+            None,
+            None,
+        );
+        let said = facts.warnings.into_values().collect::<String>();
+        assert_eq!(said, "", "{unit}");
+    }
 }
 
 /// There is no true depth here, so only blur and holes reveal the scale.
