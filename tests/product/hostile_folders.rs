@@ -68,6 +68,28 @@ fn a_report_writes_into_its_own_folder_alone() {
 }
 
 #[test]
+fn score_tells_changed_pictures_from_those_that_were_not_kept() {
+    let dir = finished();
+    let dir = dir.path();
+    let score = |metric: &str| sharp_bench(dir, &["score", "r", "--metrics", metric]);
+    let kept = files_below(&dir.join("r/predictions")).unwrap();
+    image::RgbImage::new(48, 36).save(&kept[0]).unwrap();
+    let said = score("ssim-uniform7-sample").ends_with(4).err;
+    assert!(said.contains("the kept pictures of 1 of"), "{said}");
+    assert!(!said.contains("no kept picture"), "{said}");
+    std::fs::remove_file(&kept[0]).unwrap();
+    let said = score("ssim-uniform7-sample").ends_with(4).err;
+    assert!(
+        said.contains("1 of") && said.contains("no kept picture"),
+        "{said}"
+    );
+    assert!(
+        !said.contains("differ from those that were scored"),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_report_shows_the_pictures_that_were_scored() {
     let dir = finished();
     let dir = dir.path();

@@ -111,6 +111,9 @@ pub struct Record {
     /// The camera from which the picture shows the scene, if measurable.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<ShownCamera>,
+    /// A translation in world axes that explains the picture about as well as `camera`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub in_world: Option<ShownCamera>,
     /// Cells of a grid in which the stored picture differs from its target; `None` if they were not compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wrong_cells: Option<Vec<Cell>>,
@@ -125,10 +128,14 @@ pub struct Record {
     /// compared or too few blocks were found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub far_shift: Option<ShiftEquations>,
-    /// Percentage of the content common to source and target where the stored picture is black or white; `None` if too
-    /// little content was found.
+    /// Percentage of the content common to source and target where the stored picture is black, white or
+    /// [filled](Self::filled); `None` if too little content was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub masked: Option<u8>,
+    /// The exactly constant colour of a large part of the stored picture, such as holes or a background that was not
+    /// rendered; `None` if the picture was not compared or has no such part.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub filled: Option<[u8; 3]>,
     /// A note on the rendering rule that was assumed for the Gaussians; `None` if the file or the user stated the rule.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rule_note: Option<String>,
@@ -370,9 +377,11 @@ pub(super) mod tests {
             change: None,
             shows: None,
             camera: None,
+            in_world: None,
             wrong_cells: None,
             tone: None,
             masked: None,
+            filled: None,
             shift: None,
             far_shift: None,
             rule_note: None,

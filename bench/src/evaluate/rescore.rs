@@ -16,7 +16,7 @@ use super::record::Status;
 use super::results::{Current, Results, check_rows, units_folder, write_tables};
 use super::score::{MemoryShares, PairTruth, Unscored, crop, missing, score_pair};
 use super::shard::Shard;
-use super::unit::{Slot, Unit, picture_sha256};
+use super::unit::{ScoredPicture, Slot, Unit, picture_sha256};
 use crate::io::hash::file_sha256;
 use crate::io::observer::Observer;
 use crate::io::pictures::read_rgb8;
@@ -198,7 +198,7 @@ impl Kept<'_> {
         }
         let mut counts = UnitCounts::default();
         observer.begin("", self.units.len(), "units");
-        let mut not_kept = 0;
+        let (mut not_kept, mut changed) = (0, 0);
         for planned in readable {
             if observer.stop() {
                 let left = units
@@ -232,6 +232,7 @@ impl Kept<'_> {
                 for unit in of_pair.by_ref().take(memory.pictures_of(planned.target)) {
                     match kept_picture(folder, &unit) {
                         Some(picture) => unscored.push(Unscored { unit, picture }),
+                        None if is_changed(folder, &unit) => changed += 1,
                         None => not_kept += 1,
                     }
                 }
@@ -247,13 +248,18 @@ impl Kept<'_> {
         let unread = units.into_values().flatten().count();
         counts.units += unread;
         counts.failed += unread;
+        counts.waiting += not_kept + changed;
+        let units = counts.units;
         if not_kept > 0 {
-            counts.waiting = not_kept;
             observer.warn(&format!(
-            "{not_kept} of {} units have no kept picture; `run` with these metrics repeats their \
-             predictions",
-            counts.units
-        ));
+                "{not_kept} of {units} units have no kept picture; `run` with these metrics repeats their predictions"
+            ));
+        }
+        if changed > 0 {
+            observer.warn(&format!(
+                "the kept pictures of {changed} of {units} units differ from those that were scored, so they are not \
+                 scored; `run` with these metrics recreates them (`report` names the files)"
+            ));
         }
         Ok(counts)
     }
@@ -275,6 +281,13 @@ fn kept_picture(folder: &RunFolder, unit: &Unit) -> Option<RgbImage> {
     }
     let path = folder.prediction_path(&unit.slot.method, &unit.slot.pair_id, "png");
     read_rgb8(&path).ok()
+}
+
+/// Whether the file of a unit's kept picture was changed after the picture was scored.
+fn is_changed(folder: &RunFolder, unit: &Unit) -> bool {
+    let path = folder.prediction_path(&unit.slot.method, &unit.slot.pair_id, "png");
+    let is_kept = |picture: &ScoredPicture| picture.file_sha256.is_some();
+    unit.picture.as_ref().is_some_and(is_kept) && path.is_file() && !folder.has_picture(unit)
 }
 
 /// Scores each target's units on the region that all methods of the folder predict, ignoring methods that failed on the

@@ -283,11 +283,13 @@ pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
         change: None,
         shows: None,
         camera: None,
+        in_world: None,
         wrong_cells: None,
         shift: None,
         far_shift: None,
         tone: None,
         masked: None,
+        filled: None,
         rule_note: None,
     }
 }

@@ -54,11 +54,13 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         change: None,
         shows: None,
         camera: None,
+        in_world: None,
         wrong_cells: None,
         shift: None,
         far_shift: None,
         tone: None,
         masked: None,
+        filled: None,
         rule_note: None,
     }
 }

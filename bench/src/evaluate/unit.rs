@@ -251,11 +251,13 @@ mod tests {
             change: None,
             shows: None,
             camera: None,
+            in_world: None,
             wrong_cells: None,
             shift: None,
             far_shift: None,
             tone: None,
             masked: None,
+            filled: None,
             rule_note: None,
         };
         let score = StoredScore {

@@ -37,6 +37,14 @@ pub struct Incomplete {
     pub misshaped: Vec<Misshaped>,
 }
 
+impl Incomplete {
+    /// Number of tensors that are empty in the file (shape `[0]`) although the model needs values. Training that shares
+    /// the weights among processes leaves these placeholders in the file of a single process.
+    pub fn placeholders(&self) -> usize {
+        self.misshaped.iter().filter(|m| m.found == [0]).count()
+    }
+}
+
 impl fmt::Display for Incomplete {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
@@ -57,7 +65,16 @@ impl fmt::Display for Incomplete {
         let misshaped = self.misshaped.iter();
         let misshaped =
             misshaped.map(|m| format!("{} {:?}, expected {:?}", m.name, m.found, m.expected));
-        list(f, "another shape", misshaped)
+        list(f, "another shape", misshaped)?;
+        match self.placeholders() {
+            0 => Ok(()),
+            empty => write!(
+                f,
+                "; {empty} of its tensors are empty placeholders (shape [0]), as in the state dict of one process under \
+                 DeepSpeed ZeRO-3 or FSDP; gather the whole weights into one file first, with DeepSpeed's \
+                 `zero_to_fp32.py` or with FSDP's full state dict"
+            ),
+        }
     }
 }
 

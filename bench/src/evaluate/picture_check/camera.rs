@@ -24,7 +24,9 @@ fn cameras(group: &PictureGroup<'_, &Record>) -> Vec<ShownCamera> {
     cameras
 }
 
-/// The wrong camera on which nearly all measured pictures agree, the number that agree, and the number measured.
+/// The wrong camera on which nearly all measured pictures agree, the number that agree, and the number measured. A
+/// translation in world axes resembles other mistakes, a different one in each picture, so it also counts where it
+/// explains a picture about as well as the measured camera; but only if nearly all pictures agree on no other camera.
 fn wrong_camera_of(group: &PictureGroup<'_, &Record>) -> Option<(ShownCamera, usize, usize)> {
     let mut cameras = cameras(group);
     let resized = group.pictures.iter().filter(|r| is_resized(r.change));
@@ -38,8 +40,20 @@ fn wrong_camera_of(group: &PictureGroup<'_, &Record>) -> Option<(ShownCamera, us
         cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
         let found = wrong_camera(cameras, group.extent);
         // Poor depth can also cause other motions and framings, so another motion is no evidence here.
-        found.filter(|(camera, ..)| !matches!(camera, ShownCamera::Moved(_)))
+        let found = found.filter(|(camera, ..)| !matches!(camera, ShownCamera::Moved(_)));
+        // The pictures of one scene are too much alike to tell several causes apart.
+        let is_dataset = group.extent == Extent::Dataset;
+        found.or_else(|| is_dataset.then(|| in_world(group)).flatten())
     })
+}
+
+/// A translation in world axes on which nearly all measured pictures agree, like [`wrong_camera_of`].
+fn in_world(group: &PictureGroup<'_, &Record>) -> Option<(ShownCamera, usize, usize)> {
+    let pictures = group.pictures.iter();
+    let cameras = pictures.filter_map(|record| record.in_world.or(record.camera));
+    let cameras = cameras.filter(|camera| !matches!(camera, ShownCamera::Reframed(_)));
+    let found = wrong_camera(cameras.collect(), group.extent);
+    found.filter(|(camera, ..)| matches!(camera, ShownCamera::WorldTranslation(_)))
 }
 
 /// Whether a picture seems to be cropped or padded and then resized.
@@ -66,6 +80,7 @@ pub(crate) fn misplaced_pictures(group: &PictureGroup<'_, &Record>) -> Option<St
     let moving = cameras.filter(|camera| matches!(camera, ShownCamera::Moved(20..)));
     if 4 * moving.count() >= shown.values().sum() {
         shown.remove(&ShownTarget::SourceView);
+        shown.remove(&ShownTarget::SourceFromTarget);
     }
     let far_shift = far_shifted_pictures(group);
     // A missing rotation or a reversed axis also moves content across epipolar lines, but not alike in all pictures.
@@ -90,7 +105,9 @@ pub(crate) fn misplaced(
     pairs: &str,
     extent: Extent,
 ) -> Option<String> {
-    use ShownTarget::{Next, Other, Previous, Source, SourceView, ViewAfter, ViewBefore};
+    use ShownTarget::{
+        Next, Other, Previous, Source, SourceFromTarget, SourceView, ViewAfter, ViewBefore,
+    };
     let count = |places: &[ShownTarget]| -> usize {
         places.iter().filter_map(|place| found.get(place)).sum()
     };
@@ -104,9 +121,20 @@ pub(crate) fn misplaced(
             Source.text()
         ));
     }
-    let views = count(&[Source, SourceView]);
+    let views = count(&[Source, SourceView, SourceFromTarget]);
+    let from_target = count(&[SourceFromTarget]);
     // Depths that are far too large also give the source's view, so a scene needs more evidence.
-    if is_most(views) && views as f64 >= extent.share(0.5) * all as f64 {
+    let are_views = is_most(views) && views as f64 >= extent.share(0.5) * all as f64;
+    if are_views && from_target >= extent.fewest(FEWEST) && 2 * from_target > views {
+        return Some(format!(
+            "its pictures show {} rather than the target's ({views} of the {all} compared in {pairs} are significantly \
+             closer to the source's photograph, and {from_target} of these are far worse where the target does not show \
+             the source's content), so source and target are swapped in the file names; rename A__B to B__A, or render \
+             B from A",
+            SourceView.text()
+        ));
+    }
+    if are_views {
         return Some(format!(
             "its pictures show {} rather than the target's ({views} of the {all} compared in {pairs} are significantly \
              closer to the source's photograph), as if they were rendered with the source's pose, or with poses of \
@@ -339,6 +367,42 @@ mod tests {
         };
         assert!(told(1).unwrap().contains("show the source's view"));
         assert_eq!(told(2), None);
+    }
+
+    #[test]
+    fn a_translation_in_world_axes_explains_several_other_cameras() {
+        use ShownCamera::{Moved, Reversed, WorldTranslation};
+        let told = |cameras: [ShownCamera; 6], explained: usize| {
+            let records: Vec<Record> = (0..6)
+                .map(|k| Record {
+                    source: k.to_string(),
+                    shows: Some(ShownTarget::Own),
+                    camera: Some(cameras[k]),
+                    in_world: (k < explained).then_some(WorldTranslation(true)),
+                    ..record()
+                })
+                .collect();
+            of_dataset(&records, misplaced_pictures)
+        };
+        let world = WorldTranslation(true);
+        let mixed = [
+            world,
+            world,
+            Moved(-100),
+            Moved(-98),
+            Reversed(0),
+            Reversed(0),
+        ];
+        let said = told(mixed, 6).unwrap();
+        assert!(
+            said.contains("in world axes") && said.contains("6 of the 6"),
+            "{said}"
+        );
+        assert_eq!(told(mixed, 3), None);
+        // The simpler cause on which all pictures agree.
+        assert!(told([Moved(-100); 6], 6).unwrap().contains("-1.00 times"));
+        let right = [world, world, Moved(100), Moved(100), Moved(100), Moved(100)];
+        assert_eq!(told(right, 2), None);
     }
 
     #[test]

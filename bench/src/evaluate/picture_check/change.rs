@@ -12,6 +12,7 @@ use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotat
 use image::{GenericImageView, Rgb, RgbImage};
 use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
 
+use super::filled::{filled_colour, without};
 use super::finding::PictureChange;
 use super::layout::layout_change;
 use super::levels::{
@@ -153,20 +154,43 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     if is_noise(photograph, picture) {
         return Some(PictureChange::Noise);
     }
-    if is_normalised(&seen, &shown) {
+    let filled = filled_colour(photograph, picture);
+    let rest = |pictures: [&RgbImage; 2]| filled.and_then(|colour| without(colour, pictures));
+    let [small, large] = [[&seen, &shown], [photograph, picture]].map(rest);
+    // The pixels whose levels are compared.
+    let levels = (small.as_ref(), large.as_ref());
+    let ([small_seen, small_shown], [large_seen, large_shown]) = match levels {
+        (Some(small), Some(large)) => (small.each_ref(), large.each_ref()),
+        _ => ([&seen, &shown], [photograph, picture]),
+    };
+    if is_normalised(small_seen, small_shown) {
         return Some(PictureChange::Normalised);
     }
     if has_other_background(&seen, &shown) {
         return Some(PictureChange::OtherBackground);
     }
     let rearranged = rearranged(photograph, picture);
-    let undone = undone_change(&seen, &shown, ends(picture), rearranged);
-    let wrapped = || is_wrapped(photograph, picture).then_some(PictureChange::Wrapped);
-    let stretched = || stretching(photograph, &seen, &shown, picture).map(PictureChange::Stretched);
+    let undone = if small_shown.dimensions() == shown.dimensions() {
+        undone_change(&seen, &shown, ends(picture), rearranged)
+    } else {
+        // The remaining pixels show their levels, but not where they were.
+        let of_levels = undone_change(small_seen, small_shown, ends(large_shown), None);
+        let moved = undone_change(&seen, &shown, ends(picture), rearranged);
+        of_levels
+            .filter(|change| change.is_of_levels())
+            .or(moved.filter(|change| !change.is_of_levels()))
+    };
+    let wrapped = || is_wrapped(large_seen, large_shown).then_some(PictureChange::Wrapped);
+    let stretched = || {
+        let gain = stretching(large_seen, small_seen, small_shown, large_shown);
+        gain.map(PictureChange::Stretched)
+    };
     let placed = || placement_change(&seen, &shown);
     let normalised = || {
-        let fit = Likeness::of(&seen, Region::whole(seen.dimensions()), &shown);
-        let is_it = fit.explained() >= MIN_EXPLAINED && is_normalised_and_stretched(&seen, &shown);
+        let whole = Region::whole(small_seen.dimensions());
+        let fit = Likeness::of(small_seen, whole, small_shown);
+        let is_it = fit.explained() >= MIN_EXPLAINED
+            && is_normalised_and_stretched(small_seen, small_shown);
         is_it.then_some(PictureChange::NormalisedAndStretched)
     };
     let found = undone.or_else(wrapped).or_else(placed).or_else(stretched);
@@ -365,10 +389,16 @@ fn has_palette(photograph: &RgbImage, picture: &RgbImage) -> bool {
     (FEWEST_OF_PALETTE..=PALETTE).contains(&own) && colours(photograph, MIN_COLOURS) > MIN_COLOURS
 }
 
-/// True if a picture has little in common with a [`shrunk`] photograph. False for uniform pictures.
+/// True if a picture has little in common with a [`shrunk`] photograph, apart from a part that is filled with one colour.
+/// False for uniform pictures.
 pub(crate) fn is_unlike(small: &RgbImage, picture: &RgbImage) -> bool {
     let shown = thumbnail(picture, small.width(), small.height());
-    let fit = Likeness::of(small, Region::whole(small.dimensions()), &shown);
+    let filled = filled_colour(small, &shown);
+    let rest = filled.and_then(|colour| without(colour, [small, &shown]));
+    let [small, rest] = rest
+        .as_ref()
+        .map_or([small, &shown], |rest| rest.each_ref());
+    let fit = Likeness::of(small, Region::whole(small.dimensions()), rest);
     !is_uniform(&shown) && fit.correlation() < UNLIKE
 }
 

@@ -202,16 +202,27 @@ impl PictureChange {
             self,
             Mirrored | UpsideDown | Turned180 | Turned90 | Turned270 | Transposed
         );
-        let is_recoloured = matches!(
-            self,
-            Bgr | Grb | Rbg | Gbr | Brg | SwappedChroma | Luma | Hsv | Lab | Normalised | Negative
-        );
         is_moved
-            || is_recoloured
+            || self.is_recoloured()
             || matches!(
                 self,
                 Photograph | CopiedSource | Panels | EqualChannels | Noise | Unscaled
             )
+    }
+
+    fn is_recoloured(self) -> bool {
+        use PictureChange::*;
+        matches!(
+            self,
+            Bgr | Grb | Rbg | Gbr | Brg | SwappedChroma | Luma | Hsv | Lab | Normalised | Negative
+        )
+    }
+
+    /// Whether the change alters the levels of each pixel and moves none.
+    pub(super) fn is_of_levels(self) -> bool {
+        use PictureChange::*;
+        let is_of_range = matches!(self, HalfContrast | Quarter | DarkHalfCutOff | LimitedRange);
+        self.is_recoloured() || is_of_range || matches!(self, Linear | EncodedTwice)
     }
 
     /// The change with its measured numbers set to 0.
@@ -245,6 +256,8 @@ worded! {
         Source = "the source's photograph",
         /// Not a target: the source's view, but no copy of its photograph.
         SourceView = "the source's view",
+        /// Not a target: the source's view, worst where the target does not show it.
+        SourceFromTarget = "the source's view as rendered from the target's photograph",
     }
 }
 
@@ -268,6 +281,11 @@ pub enum ShownCamera {
     NoRotation,
     /// A camera at the target's pose with one component of the translation reversed: x, y or z.
     Reversed(u8),
+    /// A camera at the target's pose with the translation in world axes: the source's centre minus the target's, or the
+    /// other way round if `true`.
+    WorldTranslation(bool),
+    /// The target's camera, for which near content moves less than far content.
+    NearFarExchanged,
     /// The target's camera with another framing.
     Reframed(Framing),
 }
@@ -299,6 +317,22 @@ impl ShownCamera {
                     "show what a camera at the target's pose would see if the {axis} of its translation were reversed; check its \
                      sign"
                 );
+            }
+            Self::WorldTranslation(is_reversed) => {
+                return format!(
+                    "show what a camera at the target's pose would see if its translation were {} in world axes; use the \
+                     source's centre minus the target's, multiplied by the rotation of the target's world-to-camera pose",
+                    if is_reversed {
+                        "the target's centre minus the source's"
+                    } else {
+                        "the source's centre minus the target's"
+                    }
+                );
+            }
+            Self::NearFarExchanged => {
+                return "move near content by less than far content, as if disparity (inverse depth) had been used as \
+                        depth, or depth as disparity; use its reciprocal"
+                    .to_owned();
             }
             Self::SourceIntrinsics => {
                 "the target through the source's intrinsics, whose principal point or focal length differs; render them \

@@ -47,10 +47,13 @@ const MIN_CONTRADICTING: f64 = 0.5;
 /// A misread pose is reported only if at least this share of the blocks agree with it.
 const MIN_POSE_SHARE: f64 = 0.5;
 /// Number of misread poses that are tried, including the source's own pose.
-const CANDIDATES: usize = 10;
+const CANDIDATES: usize = 12;
 /// A missing rotation or a reversed axis is reported only if simpler causes (a multiple of the motion, the source's
 /// view) explain at most this fraction of the blocks that it explains.
 const MAX_SIMPLER_SHARE: f64 = 0.75;
+/// A translation in world axes explains a picture about as well as another cause if it explains at least this fraction of
+/// the blocks that the other one explains.
+const MIN_EQUAL_SHARE: f64 = 0.9;
 /// Pictures that move by less than this percentage of the true motion are nearly still.
 const STILL_PERCENT: i16 = 20;
 /// Like [`MIN_AGREEING`], but for nearly still pictures. It is higher, because blends of the source with a prediction
@@ -61,6 +64,13 @@ const MIN_AGREEING_STILL: f64 = 0.8;
 const MIN_TURN: f64 = 0.5;
 /// A translation counts as along an axis if its component along the axis is at least this share of its length.
 const MIN_ALONG_AXIS: f64 = 0.97;
+/// Near and far are exchanged only if, of the pairs of blocks whose true motions differ by at least [`MIN_MOTION`], at
+/// least this share moved by [`MIN_LESS`] less although they should move farther.
+const MIN_EXCHANGED: f64 = 0.7;
+/// Minimum difference of the motions of two blocks in the picture of which one moved less, in pixels.
+const MIN_LESS: f64 = 2.0;
+/// Near and far are compared only with at least this many pairs of blocks.
+const MIN_PAIRS: usize = 50;
 /// Maximum distance from the expected place of a block that agrees with a motion, in pixels.
 const MAX_OFF: f64 = 1.0;
 /// Like [`MAX_OFF`], but as a share of the motion; the larger limit applies.
@@ -86,18 +96,23 @@ impl Camera {
 pub(super) struct MeasuredMotion {
     /// A multiple of the true motion ([`ShownCamera::Moved`]) or a misread pose; `None` if it cannot be measured.
     pub(super) camera: Option<ShownCamera>,
-    /// Of the blocks that both source and target show, the percentage where the picture is black or white; `None` if
-    /// there are too few blocks.
+    /// A translation in world axes, if this explains the picture about as well as `camera`.
+    pub(super) in_world: Option<ShownCamera>,
+    /// Of the blocks that both source and target show, the percentage where the picture is black, white or filled with
+    /// one colour; `None` if there are too few blocks.
     pub(super) masked: Option<u8>,
 }
 
 /// Measures a picture's motion, and how much of it is masked. The pictures (source, target and the picture `shown`) are
-/// shrunk; `intrinsics` are those of source and target at full size.
+/// shrunk; `intrinsics` are those of source and target at full size, `cameras_from_world` their poses, and `filled` is
+/// the picture's [`filled_colour`](super::filled::filled_colour).
 pub(super) fn shown_camera(
     intrinsics: [Intrinsics; 2],
-    target_from_source: RigidTransform,
+    cameras_from_world: [RigidTransform; 2],
     [source, target, shown]: [&RgbImage; 3],
+    filled: Option<[u8; 3]>,
 ) -> MeasuredMotion {
+    let target_from_source = cameras_from_world[1].after(&cameras_from_world[0].inverse());
     let [from, to] = intrinsics.map(|k| k.resized(target.width(), target.height()));
     let RigidTransform {
         rotation,
@@ -122,6 +137,12 @@ pub(super) fn shown_camera(
         other[usize::from(axis)] *= -1.0;
         (ShownCamera::Reversed(axis), to, pose(rotation, other))
     };
+    let in_world = cameras_from_world[1].rotation.transpose() * translation;
+    let unrotated = |is_reversed| {
+        let translation = if is_reversed { -in_world } else { in_world };
+        let cause = ShownCamera::WorldTranslation(is_reversed);
+        (cause, to, pose(rotation, translation))
+    };
     let misread: [_; CANDIDATES] = [
         (ShownCamera::SourceIntrinsics, from, target_from_source),
         (ShownCamera::InversePose, to, target_from_source.inverse()),
@@ -130,6 +151,8 @@ pub(super) fn shown_camera(
         unturned(translation),
         // Also without a rotation, but with the camera at the target's actual position.
         unturned(rotation.transpose() * translation),
+        unrotated(false),
+        unrotated(true),
         mirrored(0),
         mirrored(1),
         mirrored(2),
@@ -143,6 +166,7 @@ pub(super) fn shown_camera(
         camera: intrinsics[0].resized(source.width(), source.height()),
         own: Camera(to, target_from_source),
         misread: misread.map(|(_, intrinsics, pose)| Camera(intrinsics, pose)),
+        filled,
     };
     let centres = (0..GRID[0] * GRID[1]).map(|k| {
         let at = |k: u32, of: u32, size: u32| {
@@ -162,6 +186,7 @@ pub(super) fn shown_camera(
     if blocks.len() < MIN_BLOCKS {
         return MeasuredMotion {
             camera: None,
+            in_world: None,
             masked,
         };
     }
@@ -182,8 +207,8 @@ pub(super) fn shown_camera(
             ShownCamera::Moved(_) => false,
             // Without a rotation, inverting the pose only negates the translation.
             ShownCamera::InversePose => is_turned,
-            // Pictures without a rotation or with a reversed axis resemble the source's view and multiples of the
-            // motion, so these two causes count only if the simpler ones explain fewer blocks. If the translation is
+            // Pictures without a rotation, with a reversed axis or with a translation in other axes resemble the
+            // source's view and multiples of the motion, so these causes count only if the simpler ones explain fewer blocks. If the translation is
             // along one axis, reversing that axis merely negates the motion.
             ShownCamera::Reversed(axis)
                 if translation[usize::from(*axis)].abs()
@@ -191,9 +216,9 @@ pub(super) fn shown_camera(
             {
                 false
             }
-            ShownCamera::NoRotation | ShownCamera::Reversed(_) => {
-                simple <= MAX_SIMPLER_SHARE * share
-            }
+            ShownCamera::NoRotation
+            | ShownCamera::Reversed(_)
+            | ShownCamera::WorldTranslation(_) => simple <= MAX_SIMPLER_SHARE * share,
             _ => true,
         });
     let poses = poses.map(|((cause, ..), share)| (*cause, share));
@@ -201,8 +226,15 @@ pub(super) fn shown_camera(
         .filter(|(_, share)| *share >= MIN_POSE_SHARE)
         .chain(motion);
     let best = causes.max_by(|a, b| a.1.total_cmp(&b.1));
+    let in_world = misread.iter().zip(shares).filter(|((cause, ..), share)| {
+        let least = best.map_or(0.0, |(_, best)| MIN_EQUAL_SHARE * best);
+        matches!(cause, ShownCamera::WorldTranslation(_)) && *share >= least.max(MIN_POSE_SHARE)
+    });
+    let in_world = in_world.max_by(|a, b| a.1.total_cmp(&b.1));
+    let exchanged = || is_exchanged(&blocks).then_some(ShownCamera::NearFarExchanged);
     MeasuredMotion {
-        camera: best.map(|(cause, _)| cause),
+        camera: best.map(|(cause, _)| cause).or_else(exchanged),
+        in_world: in_world.map(|((cause, ..), _)| *cause),
         masked,
     }
 }
@@ -221,7 +253,7 @@ struct Block {
     /// For each misread pose, whether it explains the picture while the true pose does not; `None` if it projects the
     /// block outside the picture.
     misread: [Option<bool>; CANDIDATES],
-    /// Whether the picture is black or white where the block should be.
+    /// Whether the picture is black, white or filled where the block should be.
     is_masked: bool,
 }
 
@@ -233,6 +265,7 @@ struct Search<'a> {
     camera: Intrinsics,
     own: Camera,
     misread: [Camera; CANDIDATES],
+    filled: Option<[u8; 3]>,
 }
 
 impl Search<'_> {
@@ -275,7 +308,7 @@ impl Search<'_> {
             is_moving: f64::from(at) >= MIN_MOTION,
             found: found.map(|(k, like)| (f64::from(k), like - as_true >= MIN_GAIN)),
             home: (home.perp_dot(direction).abs() <= 1.5).then(|| home.dot(direction)),
-            is_masked: along(at).is_some_and(|place| is_masked(self.shown, place)),
+            is_masked: along(at).is_some_and(|place| is_masked(self.shown, place, self.filled)),
             misread: self.misread.map(|camera| {
                 let like = nearby(camera.place(ray, f64::from(at) * step)?)?;
                 Some(like >= IN_PICTURE.0 && like - as_true >= MIN_GAIN)
@@ -338,8 +371,30 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
     (agreeing >= least && is_right).then_some((percent, agreeing))
 }
 
-/// Whether all pixels around a place are black, or all are white.
-fn is_masked(picture: &RgbImage, place: DVec2) -> bool {
+/// Whether blocks that should move farther than others moved less. To exclude wrong poses, only blocks that moved in the
+/// direction of the true motion are compared.
+fn is_exchanged(blocks: &[Block]) -> bool {
+    let found = blocks
+        .iter()
+        .filter_map(|block| Some((block.own, block.found?)));
+    let found: Vec<(f64, (f64, bool))> = found.collect();
+    let contradicting = found.iter().filter(|(_, (_, is_other))| *is_other).count() as f64;
+    let ahead = found.iter().filter(|(_, (at, _))| *at > 0.0);
+    let ahead: Vec<[f64; 2]> = ahead.map(|(own, (at, _))| [*own, *at]).collect();
+    let pairs = ahead.iter().flat_map(|near| {
+        let farther = ahead.iter().filter(|far| near[0] - far[0] >= MIN_MOTION);
+        farther.map(|far| far[1] - near[1] >= MIN_LESS)
+    });
+    let (count, less) = (pairs.clone().count(), pairs.filter(|is| *is).count());
+    ahead.len() >= MIN_BLOCKS
+        && ahead.len() as f64 >= MIN_FOUND_SHARE * blocks.len() as f64
+        && contradicting >= MIN_CONTRADICTING * found.len() as f64
+        && count >= MIN_PAIRS
+        && less as f64 >= MIN_EXCHANGED * count as f64
+}
+
+/// Whether all pixels around a place are black, or all are white, or all are `filled`.
+fn is_masked(picture: &RgbImage, place: DVec2, filled: Option<[u8; 3]>) -> bool {
     corner(picture, place).is_some_and(|[left, top]| {
         let [left, top, side] = [left, top, SIDE].map(|v| v as u32);
         let block = picture.view(left, top, side, side);
@@ -348,7 +403,8 @@ fn is_masked(picture: &RgbImage, place: DVec2) -> bool {
                 .pixels()
                 .all(|(.., pixel)| pixel.0.into_iter().all(is))
         };
-        is_all(|level| level <= MASKED[0]) || is_all(|level| level >= MASKED[1])
+        let is_filled = || block.pixels().all(|(.., pixel)| Some(pixel.0) == filled);
+        is_all(|level| level <= MASKED[0]) || is_all(|level| level >= MASKED[1]) || is_filled()
     })
 }
 
@@ -454,9 +510,20 @@ pub(super) mod tests {
         true_pose: RigidTransform,
         shown: &RgbImage,
     ) -> Option<ShownCamera> {
+        told_in(RigidTransform::IDENTITY, cameras, true_pose, shown)
+    }
+
+    /// Like [`told`], with another pose of the source in the world.
+    fn told_in(
+        source_from_world: RigidTransform,
+        cameras: [Intrinsics; 2],
+        true_pose: RigidTransform,
+        shown: &RgbImage,
+    ) -> Option<ShownCamera> {
         let source = view(cameras[0], RigidTransform::IDENTITY, PLANE);
         let target = view(cameras[1], true_pose, PLANE);
-        shown_camera(cameras, true_pose, [&source, &target, shown]).camera
+        let poses = [source_from_world, true_pose.after(&source_from_world)];
+        shown_camera(cameras, poses, [&source, &target, shown], None).camera
     }
 
     #[test]
@@ -540,12 +607,83 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn translations_in_world_axes_are_told() {
+        let cameras = [camera(80.0); 2];
+        let own = pose(0.03, [0.15, 0.06, 0.02]);
+        // A world whose z points up and whose x points along the view.
+        let axes = DMat3::from_cols(DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y);
+        let source_from_world = RigidTransform::new(axes, DVec3::new(3.0, 1.0, 2.0)).unwrap();
+        let world = (own.rotation * axes).transpose() * own.translation;
+        for (sign, is_reversed) in [(1.0, false), (-1.0, true)] {
+            let misread = RigidTransform {
+                rotation: own.rotation,
+                translation: sign * world,
+            };
+            assert_eq!(
+                told_in(
+                    source_from_world,
+                    cameras,
+                    own,
+                    &view(cameras[1], misread, PLANE)
+                ),
+                Some(ShownCamera::WorldTranslation(is_reversed))
+            );
+        }
+        let right = told_in(
+            source_from_world,
+            cameras,
+            own,
+            &view(cameras[1], own, PLANE),
+        );
+        assert!(
+            matches!(right, Some(ShownCamera::Moved(95..=105))),
+            "{right:?}"
+        );
+    }
+
+    #[test]
+    fn near_and_far_exchanged_are_told() {
+        let cameras = [camera(80.0); 2];
+        let own = pose(0.0, [0.15, 0.0, 0.0]);
+        // Inverse depths between 0.03 and 0.77, and what results if they are used as depths.
+        let steep = DVec3::new(0.0, 0.9, 0.4);
+        let source = view(cameras[0], RigidTransform::IDENTITY, steep);
+        let target = view(cameras[1], own, steep);
+        let told = |inverse_depth: &dyn Fn(f64) -> f64| {
+            // Rows move as a whole, because the camera moves along x and the depth varies along y.
+            let shown = RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
+                let depth = 0.4 + 0.9 * (f64::from(y) + 0.5 - 60.0) / 150.0;
+                let back = f64::from(x) - 150.0 * 0.15 * inverse_depth(depth);
+                let at = |x: f64| source.get_pixel(x.clamp(0.0, 159.0) as u32, y).0[0];
+                let (a, b) = (
+                    f64::from(at(back.floor())),
+                    f64::from(at(back.floor() + 1.0)),
+                );
+                Rgb([(a + (back - back.floor()) * (b - a)) as u8; 3])
+            });
+            let poses = [RigidTransform::IDENTITY, own];
+            shown_camera(cameras, poses, [&source, &target, &shown], None).camera
+        };
+        assert_eq!(told(&|v| 0.8 - v), Some(ShownCamera::NearFarExchanged));
+        assert_eq!(
+            told(&|v| 0.1 / (v + 0.08)),
+            Some(ShownCamera::NearFarExchanged)
+        );
+        // Right and poor depths.
+        for depths in [&|v| v, &|v| 0.3 + 0.3 * v, &|v: f64| v.sqrt()] as [&dyn Fn(f64) -> f64; 3] {
+            let found = told(depths);
+            assert_ne!(found, Some(ShownCamera::NearFarExchanged));
+        }
+        assert_ne!(told(&|_| 0.4), Some(ShownCamera::NearFarExchanged));
+    }
+
+    #[test]
     fn masked_content_is_counted_and_holes_and_borders_are_not() {
         let own = pose(0.03, [0.12, 0.06, 0.02]);
         let cameras = [camera(80.0); 2];
         let right = view(cameras[1], own, PLANE);
         let source = view(cameras[0], RigidTransform::IDENTITY, PLANE);
-        let masked = |level: u8, is: fn(u32, u32) -> bool| {
+        let masked = |level: u8, filled: Option<[u8; 3]>, is: fn(u32, u32) -> bool| {
             let shown = RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
                 if is(x, y) {
                     Rgb([level; 3])
@@ -553,18 +691,22 @@ pub(super) mod tests {
                     *right.get_pixel(x, y)
                 }
             });
-            shown_camera(cameras, own, [&source, &right, &shown])
+            let poses = [RigidTransform::IDENTITY, own];
+            shown_camera(cameras, poses, [&source, &right, &shown], filled)
                 .masked
                 .unwrap()
         };
         for level in [0, 255] {
-            let half = masked(level, |_, y| y < 60);
+            let half = masked(level, None, |_, y| y < 60);
             assert!((30..60).contains(&half), "{half}");
         }
-        assert_eq!(masked(90, |_, y| y < 60), 0);
+        let half = masked(90, Some([90; 3]), |_, y| y < 60);
+        assert!((30..60).contains(&half), "{half}");
+        assert_eq!(masked(90, None, |_, y| y < 60), 0);
+        assert_eq!(masked(90, Some([91; 3]), |_, y| y < 60), 0);
         // Holes between pixels, and a border that the source does not show.
-        assert_eq!(masked(0, |x, y| (x + y) % 3 == 0), 0);
-        assert_eq!(masked(0, |x, _| x < 6), 0);
+        assert_eq!(masked(0, Some([0; 3]), |x, y| (x + y) % 3 == 0), 0);
+        assert_eq!(masked(0, Some([0; 3]), |x, _| x < 6), 0);
     }
 
     #[test]

@@ -12,12 +12,14 @@ use image::imageops::thumbnail;
 use sharp_datasets::View;
 
 use super::change::shrunk;
+use super::filled::filled_colour;
 use super::finding::{ShownCamera, ShownTarget};
 use super::framing::DisplacedBlocks;
 use super::motion::{MeasuredMotion, shown_camera};
 use super::sample::PictureSample;
 use super::shift::shift_equations;
 use super::stamp::wrong_cells;
+use super::swapped::{is_worse_where, unseen_by_target};
 use super::tone::tone;
 use crate::evaluate::gaussians::likeness::Likeness;
 use crate::evaluate::record::Record;
@@ -63,8 +65,8 @@ impl Thumbnails {
     }
 }
 
-/// Sets [`Record::shows`], [`Record::camera`], [`Record::wrong_cells`], [`Record::tone`], [`Record::shift`],
-/// [`Record::far_shift`] and [`Record::masked`] if the picture is in `sample` and covers the whole target.
+/// Sets [`Record::shows`], [`Record::camera`], [`Record::in_world`], [`Record::wrong_cells`], [`Record::tone`], [`Record::shift`],
+/// [`Record::far_shift`], [`Record::masked`] and [`Record::filled`] if the picture is in `sample` and covers the whole target.
 pub(crate) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,
@@ -74,7 +76,7 @@ pub(crate) fn note_order(
 ) {
     (record.shows, record.camera, record.wrong_cells) = (None, None, None);
     (record.tone, record.shift, record.masked) = (None, None, None);
-    record.far_shift = None;
+    (record.far_shift, record.filled, record.in_world) = (None, None, None);
     if record.crop.is_some() {
         return;
     }
@@ -94,7 +96,8 @@ pub(crate) fn note_order(
     let Some(source) = read.of(planned, planned.source) else {
         return;
     };
-    record.tone = tone([&source, &seen, &shown]);
+    record.filled = filled_colour(photograph, picture);
+    record.tone = tone([&source, &seen, &shown], record.filled);
     let is_other = |other: &ResolvedPair<'_>| {
         let is_own_scene = other.scene.id == planned.scene.id;
         !(is_own_scene && [&planned.source.id, &planned.target.id].contains(&&other.target.id))
@@ -106,11 +109,13 @@ pub(crate) fn note_order(
     let others = others.filter_map(|(place, other)| Some((place, read.of(&other, other.target)?)));
     let MeasuredMotion {
         camera: moved,
+        in_world,
         masked,
     } = shown_camera(
         views.map(|view| view.intrinsics),
-        target_from_source,
+        [from, to],
         [&source, &seen, &shown],
+        record.filled,
     );
     record.masked = masked;
     // A zoom resembles a reversed motion along the optical axis.
@@ -125,6 +130,13 @@ pub(crate) fn note_order(
     let shows = shown_target(&seen, &shown, Some(&source), others);
     let gain = || fit(&source, &shown).gain_over(&fit(&seen, &shown));
     (record.shows, record.camera) = reconciled(shows, camera, gain);
+    record.in_world = in_world.filter(|_| record.camera.is_some());
+    if record.shows == Some(ShownTarget::SourceView)
+        && let Some(is_unseen) = unseen_by_target(planned, source.dimensions())
+        && is_worse_where(&is_unseen, &source, &shown)
+    {
+        record.shows = Some(ShownTarget::SourceFromTarget);
+    }
 }
 
 /// The pair with its target replaced by the scene's view before it, and by the view after it. A method that names its

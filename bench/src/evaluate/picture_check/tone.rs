@@ -5,6 +5,7 @@
 //! blur. Methods that reproduce levels badly err differently in each picture, so only a curve shared by nearly all
 //! pictures is evidence.
 
+use std::collections::BTreeSet;
 use std::iter::zip;
 
 use image::RgbImage;
@@ -71,8 +72,12 @@ const MIN_MASKED_PERCENT: u8 = 5;
 /// Masked pictures are reported only if they are at least this share of the pictures.
 const MIN_MASKED_SHARE: f64 = 0.5;
 
-/// Measures a picture's tone; all pictures are shrunk. `None` if too much of the picture is black.
-pub(super) fn tone([source, target, shown]: [&RgbImage; 3]) -> Option<Tone> {
+/// Measures a picture's tone; all pictures are shrunk. Cells with a pixel of the colour `filled` are skipped as holes.
+/// `None` if too much of the picture is black or filled.
+pub(super) fn tone(
+    [source, target, shown]: [&RgbImage; 3],
+    filled: Option<[u8; 3]>,
+) -> Option<Tone> {
     let reduced = |of: &RgbImage| thumbnail(of, GRID[0], GRID[1]);
     let [source, seen, own] = [source, target, shown].map(reduced);
     let (width, height) = shown.dimensions();
@@ -84,8 +89,8 @@ pub(super) fn tone([source, target, shown]: [&RgbImage; 3]) -> Option<Tone> {
             .0
             .iter()
             .all(|level| *level <= MAX_DARK);
-        is_hole[(y * GRID[0] + x) as usize] |=
-            !is_dark && pixel.0.iter().all(|level| *level <= MAX_BLACK);
+        let is_black = !is_dark && pixel.0.iter().all(|level| *level <= MAX_BLACK);
+        is_hole[(y * GRID[0] + x) as usize] |= is_black || Some(pixel.0) == filled;
     }
     let cells = is_hole.iter().enumerate().filter(|(_, is)| !**is);
     let cells: Vec<u32> = cells.map(|(cell, _)| cell as u32).collect();
@@ -188,8 +193,8 @@ pub(crate) fn toned_pictures(group: &PictureGroup<'_, &Record>) -> Option<String
     }
 }
 
-/// Warns if most pictures are black or white where source and target show content. Does not warn if their cameras
-/// differ from the targets', because a border may then be missing.
+/// Warns if most pictures are black, white or of one colour where source and target show content. Does not warn if their
+/// cameras differ from the targets', because a border may then be missing.
 pub(crate) fn masked_pictures(group: &PictureGroup<'_, &Record>) -> Option<String> {
     let mut shares: Vec<u8> = group.pictures.iter().filter_map(|r| r.masked).collect();
     shares.sort_unstable();
@@ -198,11 +203,24 @@ pub(crate) fn masked_pictures(group: &PictureGroup<'_, &Record>) -> Option<Strin
     let count = shares.iter().filter(is_masked).count();
     let is_found = count >= group.extent.fewest(MIN_PICTURES)
         && count as f64 >= group.extent.share(MIN_MASKED_SHARE) * all as f64;
+    let masked = group
+        .pictures
+        .iter()
+        .filter(|r| r.masked.as_ref().is_some_and(|v| is_masked(&v)));
+    let colours: BTreeSet<[u8; 3]> = masked.filter_map(|record| record.filled).collect();
+    let are = match (colours.len(), colours.first()) {
+        (0, _) | (_, None) => "are black or white".to_owned(),
+        (1, Some([0, 0, 0])) => "are black".to_owned(),
+        (1, Some([255, 255, 255])) => "are white".to_owned(),
+        (1, Some([r, g, b])) => format!("have the colour ({r}, {g}, {b})"),
+        _ => "have one exactly constant colour each".to_owned(),
+    };
     (is_found && !is_reframed(group)).then(|| {
         format!(
-            "its pictures are black or white in places that both source and target show (a median of {median} % of \
-             these places, in {count} of the {all} compared pairs of {}), as with a masked background; store the \
-             pictures without a mask, and render the background as well",
+            "its pictures {are} in places that both source and target show (a median of {median} % of these places, \
+             in {count} of the {all} compared pairs of {}), as with a masked background or one that was not rendered; \
+             store the pictures without a mask and render the background as well, put the pictures over a background, \
+             or score them inside a mask of the dataset",
             group.name
         )
     })
@@ -319,6 +337,7 @@ mod tests {
     use image::Rgb;
     use image::imageops::fast_blur;
 
+    use super::super::filled::filled_colour;
     use super::super::group::tests::of_dataset;
     use sharp::color::srgb_from_linear;
 
@@ -356,7 +375,7 @@ mod tests {
                 Record {
                     target: view.to_string(),
                     status: Status::Ok,
-                    tone: tone([&source, &target, &shown]),
+                    tone: tone([&source, &target, &shown], filled_colour(&target, &shown)),
                     ..record()
                 }
             })
@@ -450,7 +469,7 @@ mod tests {
 
     #[test]
     fn proper_and_poor_predictions_are_not() {
-        let proper: [(&str, &Change); 9] = [
+        let proper: [(&str, &Change); 10] = [
             ("proper", AS_READ),
             ("slightly dim", &|_, _, _, color| color.map(|v| 0.96 * v)),
             ("pale", &|_, _, _, color| {
@@ -471,6 +490,9 @@ mod tests {
             }),
             ("holes on all sides", &|_, x, y, color| {
                 if off(x, y) > 0.5 { [0.0; 3] } else { color }
+            }),
+            ("background of one colour", &|_, _, y, color| {
+                if y < 45 { [0.2, 0.3, 0.9] } else { color }
             }),
             ("unfinished side", &|_, x, _, color| {
                 if x > 130 { [0.3; 3] } else { color }
@@ -514,7 +536,7 @@ mod tests {
                     let color = predicted.get_pixel(x, y).0.map(|v| f64::from(v) / 255.0);
                     Rgb(change(view, x, y, color).map(|v| (255.0 * v).round() as u8))
                 });
-                tone([&photograph(view, 12.0), &target, &shown]).unwrap()
+                tone([&photograph(view, 12.0), &target, &shown], None).unwrap()
             };
             let tones: Vec<Tone> = (0..6).map(of_view).collect();
             wider_colours(&tones.iter().collect::<Vec<_>>(), "m").unwrap_or_default()
@@ -528,10 +550,12 @@ mod tests {
 
     #[test]
     fn masks_of_nearly_all_pictures_are_told() {
+        let filled = std::cell::Cell::new(None);
         let told = |shares: [u8; 5]| {
             let of = |masked| Record {
                 status: Status::Ok,
                 masked: Some(masked),
+                filled: filled.get(),
                 ..record()
             };
             of_dataset(&shares.map(of), masked_pictures)
@@ -542,6 +566,18 @@ mod tests {
                 .contains("a median of 30 %")
         );
         assert!(told([30, 40, 35, 25, 0]).unwrap().contains("4 of the 5"));
+        for (colour, part) in [
+            (None, "are black or white in places"),
+            (Some([255; 3]), "are white in places"),
+            (
+                Some([49, 77, 121]),
+                "have the colour (49, 77, 121) in places",
+            ),
+        ] {
+            filled.set(colour);
+            let said = told([30, 40, 35, 25, 20]).unwrap();
+            assert!(said.contains(part) && said.contains("30 %"), "{said}");
+        }
         for proper in [[0; 5], [4; 5], [60, 50, 4, 0, 3]] {
             assert_eq!(told(proper), None);
         }

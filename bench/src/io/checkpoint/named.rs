@@ -155,9 +155,15 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
             }
         }
     };
-    fits(&config).map_err(|source| NetworkError::Sizes {
-        preset: config.preset.clone(),
-        source: Box::new(source),
+    fits(&config).map_err(|source| match source {
+        // Of empty placeholders, no configuration has the sizes.
+        ModelError::Incomplete(found) if found.placeholders() > 0 => {
+            NetworkError::Model(found.into())
+        }
+        source => NetworkError::Sizes {
+            preset: config.preset.clone(),
+            source: Box::new(source),
+        },
     })?;
     Ok(NetworkSpec {
         config,

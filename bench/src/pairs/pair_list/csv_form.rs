@@ -26,6 +26,10 @@ pub const COLUMNS: [&str; 16] = [
     "selected",
 ];
 
+/// Likely cause of a changed file, and what to do; follows a colon.
+pub(super) const SPREADSHEET: &str =
+    "a spreadsheet probably changed this file; use the original, or fetch or build the list again";
+
 pub(super) fn to_csv(pairs: &[Pair]) -> String {
     let rows = pairs.iter().map(fields);
     std::iter::once(COLUMNS.map(str::to_owned))
@@ -116,14 +120,28 @@ pub(super) fn parse_row(row: &csv::StringRecord) -> Result<Pair, String> {
         median_depth_m: number_or_none(12, &depth)?,
         overlap: number_or_none(13, &share)?,
         overlap_source_to_target: number_or_none(14, &share)?,
-        selected: bool::from_str(field(15))
-            .map_err(|_| wrong_field(15, field(15), "true or false"))?,
+        selected: bool::from_str(field(15)).map_err(|_| {
+            let wrong = wrong_field(15, field(15), "true or false");
+            match field(15) {
+                "TRUE" | "FALSE" => format!("{wrong} in small letters: {SPREADSHEET}"),
+                _ => wrong,
+            }
+        })?,
     };
     let name = PairName::decode(&pair.pair_id).map_err(|error| error.to_string())?;
     let columns = [&pair.dataset, &pair.scene, &pair.source, &pair.target];
-    if [&name.dataset, &name.scene, &name.source, &name.target] != columns {
+    let names = [&name.dataset, &name.scene, &name.source, &name.target];
+    if names != columns {
+        let is_shortened =
+            |(name, column): (&&String, &String)| name.trim_start_matches('0') == column;
+        let mut changed = names.iter().zip(columns).filter(|(a, b)| **a != *b);
+        let cause = if changed.all(is_shortened) {
+            format!(", which lack the leading zeros of their names: {SPREADSHEET}")
+        } else {
+            String::new()
+        };
         return Err(format!(
-            "pair id '{}' disagrees with the row's dataset, scene, source and target",
+            "pair id '{}' disagrees with the row's dataset, scene, source and target{cause}",
             pair.pair_id
         ));
     }

@@ -20,7 +20,7 @@ pub use self::csv_form::COLUMNS;
 /// Start of a pair list's first line.
 pub const LIST_MARK: &str = "pair_id,dataset,";
 
-use self::csv_form::{parse_row, to_csv};
+use self::csv_form::{SPREADSHEET, parse_row, to_csv};
 pub use self::diff::{ChangedPair, ListDiff};
 pub use self::verify::{HashMismatch, MovedCamera, Unreadable, Verification};
 use super::dataset::OpenDataset;
@@ -79,10 +79,16 @@ impl PairList {
             .headers()
             .map_err(|error| wrong(1, error.to_string()))?;
         if !header.iter().eq(COLUMNS) {
-            return Err(wrong(
-                1,
-                format!("the columns must be {}", COLUMNS.join(",")),
-            ));
+            let separators = [(";", "semicolons"), ("\t", "tabs")].into_iter();
+            let mut separators = separators.filter(|(by, _)| {
+                let columns = header.iter().flat_map(|field| field.split(by));
+                columns.eq(COLUMNS)
+            });
+            let cause = separators.next().map_or_else(String::new, |(_, name)| {
+                format!("; here, {name} separate them instead of commas: {SPREADSHEET}")
+            });
+            let columns = COLUMNS.join(",");
+            return Err(wrong(1, format!("the columns must be {columns}{cause}")));
         }
         let mut list = Self {
             path: path.to_owned(),

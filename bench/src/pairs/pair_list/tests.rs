@@ -203,6 +203,42 @@ fn malformed_lists_name_the_line_and_the_field() {
 }
 
 #[test]
+fn lists_that_a_spreadsheet_changed_are_told() {
+    let mut pairs = list().pairs;
+    let pair = &mut pairs[0];
+    (pair.source, pair.target) = ("0003".into(), "0014".into());
+    pair.pair_id = pair.pair_id.replace("v0__v1", "0003__0014");
+    let good = text(&PairList::new("pairs.csv", pairs));
+    let told = |text: String| {
+        let error = PairList::parse(Path::new("p.csv"), text.as_bytes()).unwrap_err();
+        let text = error.to_string();
+        (
+            text.contains("a spreadsheet probably changed this file"),
+            text,
+        )
+    };
+    for (changed, part) in [
+        (good.replace(",0003,0014,", ",3,14,"), "leading zeros"),
+        (good.replace(",true", ",TRUE"), "in small letters"),
+        (good.replace(',', ";"), "semicolons separate them"),
+        (good.replace(',', "\t"), "tabs separate them"),
+    ] {
+        let (is_told, text) = told(changed);
+        assert!(is_told && text.contains(part), "{text}");
+    }
+    // Other mistakes.
+    for changed in [
+        good.replace(",0003,0014,", ",0003,0015,"),
+        good.replace(",true", ",yes"),
+        good.replace("pair_id,", "id;"),
+    ] {
+        let (is_told, text) = told(changed);
+        assert!(!is_told, "{text}");
+    }
+    assert!(PairList::parse(Path::new("p.csv"), good.as_bytes()).is_ok());
+}
+
+#[test]
 fn a_written_list_is_read_back_with_the_hash_of_its_file() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("lists/pairs.csv");

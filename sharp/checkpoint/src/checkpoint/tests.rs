@@ -349,6 +349,13 @@ fn one_error_lists_everything_that_does_not_fit() {
     assert_eq!(why.missing.len(), 2);
     assert_eq!(why.surplus, ["extra"]);
     assert_eq!(why.misshaped.len(), 1);
+    assert_eq!(why.placeholders(), 0);
+    let mut sharded = why.clone();
+    sharded.misshaped[0].found = vec![0];
+    assert_eq!(sharded.placeholders(), 1);
+    for (text, is_told) in [(why.to_string(), false), (sharded.to_string(), true)] {
+        assert_eq!(text.contains("zero_to_fp32"), is_told, "{text}");
+    }
     let text = why.to_string();
     for part in ["c []", "z [1]", "extra", "a.weight [2, 3], expected [3, 2]"] {
         assert!(text.contains(part), "{part}: {text}");
