@@ -595,8 +595,8 @@ mod tests {
         }
     }
 
-    /// Scores 1, 3 and all predictions together, and compares the bits with those of the
-    /// predictions scored one by one.
+    /// Scores one prediction and all of them together, and compares the bits with those of the predictions scored one by
+    /// one.
     fn assert_as_alone(scorer: &Scorer, target: &Picture, predictions: &[Picture], mask: &Mask) {
         let bits = |scores: Result<Scores, ScoreError>| {
             let scores = scores.map(|scores| {

@@ -21,7 +21,7 @@ const PAIRS: [&str; 6] = [
     "tiny33x20",
     "tiny31",
     "gray_L",
-    "astro_mean",
+    "black_white",
     "one_lsb",
 ];
 const KEYS: [&str; 4] = ["lpips-alex", "lpips-vgg", "lpips-squeeze", "dists"];

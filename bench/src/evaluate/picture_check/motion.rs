@@ -208,8 +208,8 @@ pub(super) fn shown_camera(
             // Without a rotation, inverting the pose only negates the translation.
             ShownCamera::InversePose => is_turned,
             // Pictures without a rotation, with a reversed axis or with a translation in other axes resemble the
-            // source's view and multiples of the motion, so these causes count only if the simpler ones explain fewer blocks. If the translation is
-            // along one axis, reversing that axis merely negates the motion.
+            // source's view and multiples of the motion, so these causes count only if the simpler ones explain fewer
+            // blocks. If the translation is along one axis, reversing that axis merely negates the motion.
             ShownCamera::Reversed(axis)
                 if translation[usize::from(*axis)].abs()
                     >= MIN_ALONG_AXIS * translation.length() =>

@@ -5,7 +5,7 @@ use image::{Luma, Rgb, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
 use std::sync::Arc;
 
-use super::{Pixels, change, found, views_of, worlds};
+use super::{Pixels, change, found, is_tried, views_of, worlds};
 use crate::check::{QUICK, THOROUGH};
 use crate::synthetic::SyntheticOptions;
 use crate::{DepthMap, View};
@@ -80,14 +80,20 @@ fn room((w, h): (u32, u32), widths: f64, step: DVec3) -> Vec<View> {
 /// With flat colours and coarse pixels, no motion at all seems to fit best.
 #[test]
 fn flat_colours_wide_angles_and_small_steps_are_proper() {
-    for size in [(96, 72), (128, 96)] {
-        for widths in [0.2, 0.4] {
-            for step in [
+    for (world, size) in [(0, (96, 72)), (1, (128, 96))] {
+        for (i, widths) in [0.2, 0.4].into_iter().enumerate() {
+            for (j, step) in [
                 DVec3::X,
                 DVec3::Z,
                 DVec3::new(0.7, 0.0, 0.7),
                 DVec3::Z / 3.0,
-            ] {
+            ]
+            .into_iter()
+            .enumerate()
+            {
+                if !is_tried(i + j, world) {
+                    continue;
+                }
                 let views = room(size, widths, 0.03 * step);
                 is_proper(&format!("{size:?} {widths} {step}"), &views);
             }
