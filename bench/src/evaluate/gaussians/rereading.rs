@@ -482,8 +482,9 @@ impl Trial<'_> {
                     }
                 });
                 let is_weak_rule = is_rule && fit.gain_over(fit_before) < MIN_RULE_GAIN_DB;
+                let may_be_too_wide = hints.is_blurred || hints.is_lost;
                 let is_noise = is_sharpened
-                    && !(hints.is_blurred
+                    && !(may_be_too_wide
                         && self.fits_between([&decoded, &recoded(&candidate)], map)?);
                 let is_off = is_shift
                     && candidate.placement.focal == before.placement.focal

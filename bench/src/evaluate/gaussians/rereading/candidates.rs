@@ -17,7 +17,7 @@ const UNITS_M: [f64; 8] = [0.001, 0.01, 0.1, 10.0, 100.0, 1000.0, 0.3048, 0.0254
 pub(in crate::evaluate) struct Hints {
     /// The rendering shows nothing of the photograph, so that all axes are tried.
     pub(in crate::evaluate) is_lost: bool,
-    /// The rendering is a blurred version of the photograph, so that the Gaussians may be too wide.
+    /// The rendering is a blurred version of the photograph.
     pub(in crate::evaluate) is_blurred: bool,
     /// Shift that may align the rendering with the photograph, in pixels.
     pub(in crate::evaluate) aside: [f64; 2],
