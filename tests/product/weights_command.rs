@@ -54,7 +54,7 @@ fn weights_are_made_checked_and_converted() {
     std::fs::copy(golden("tiny_config.json"), &tiny).unwrap();
     let said = run(dir.path(), &["weights", "check", "a.safetensors"]).ends_with(0);
     assert!(
-        said.out.contains("all tensors of the network 'tiny'"),
+        said.out.contains("all tensors of the network 'tiny_test'"),
         "{}",
         said.out
     );

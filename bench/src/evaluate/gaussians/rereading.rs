@@ -58,7 +58,8 @@ const MIN_SMALL_ZOOM_GAIN_DB: f64 = 1.0;
 const MIN_EXTENT: f64 = 0.1;
 /// Spreading Gaussians over the photograph is tried only if it enlarges their width or height by at least this factor.
 const MIN_ENLARGEMENT: f64 = 1.3;
-/// Average number of Gaussians per pixel above which standard deviations may be base-10 logarithms.
+/// Average number of Gaussians per pixel above which they may be too wide, for example because standard deviations are
+/// base-10 logarithms.
 const WIDE_LAYERS: f64 = 500.0;
 /// A view counts as wholly shown if Gaussians cover at least this share of it.
 const MIN_WHOLE_COVERAGE: f64 = 0.7;
@@ -482,7 +483,8 @@ impl Trial<'_> {
                     }
                 });
                 let is_weak_rule = is_rule && fit.gain_over(fit_before) < MIN_RULE_GAIN_DB;
-                let may_be_too_wide = hints.is_blurred || hints.is_lost;
+                let may_be_too_wide =
+                    hints.is_blurred || hints.is_lost || seen.layers > WIDE_LAYERS;
                 let is_noise = is_sharpened
                     && !(may_be_too_wide
                         && self.fits_between([&decoded, &recoded(&candidate)], map)?);
