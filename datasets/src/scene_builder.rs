@@ -189,6 +189,9 @@ pub(crate) fn no_pose(error: &CameraError) -> &'static str {
         CameraError::NotRigid { determinant, .. } if *determinant < 0.0 => {
             "the pose mirrors space (its determinant is below zero, so an axis is negated or two are swapped)"
         }
+        CameraError::Transposed => {
+            "the matrix of the pose is transposed (its last row holds the translation); transpose it"
+        }
         _ => NO_POSE,
     }
 }

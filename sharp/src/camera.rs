@@ -39,6 +39,9 @@ pub enum CameraError {
     /// The last row of a 4×4 matrix is not (0, 0, 0, 1).
     #[error("the last row of a 4x4 pose is {0:?}, not [0, 0, 0, 1]")]
     NotAffine([f64; 4]),
+    /// The 4×4 matrix is a pose if it is transposed: its last row holds the translation.
+    #[error("the 4x4 pose is transposed: its last row holds the translation; transpose it")]
+    Transposed,
 }
 
 /// Pinhole intrinsics of one image, in pixels, without skew.
@@ -212,9 +215,20 @@ impl RigidTransform {
     /// Creates a pose from a row-major 4×4 matrix.
     ///
     /// # Errors
-    /// As for [`Self::new`]; [`CameraError::NotAffine`] if the last row is not (0, 0, 0, 1).
+    /// As for [`Self::new`]; [`CameraError::NotAffine`] if the last row is not (0, 0, 0, 1), or
+    /// [`CameraError::Transposed`] if the transposed matrix is a pose.
     pub fn from_row_major(m: &[f64; 16]) -> Result<Self, CameraError> {
-        let affine = affine_from_row_major(m)?;
+        let affine = affine_from_row_major(m).map_err(|error| {
+            let transposed = DMat4::from_cols_array(m).transpose().to_cols_array();
+            let is_pose = matches!(error, CameraError::NotAffine(_))
+                && affine_from_row_major(&transposed)
+                    .is_ok_and(|affine| Self::new(affine.matrix3, affine.translation).is_ok());
+            if is_pose {
+                CameraError::Transposed
+            } else {
+                error
+            }
+        })?;
         Self::new(affine.matrix3, affine.translation)
     }
 
@@ -390,6 +404,19 @@ mod tests {
         bad[15] = 2.0;
         assert!(matches!(
             RigidTransform::from_row_major(&bad),
+            Err(CameraError::NotAffine(_))
+        ));
+        let transposed = DMat4::from(a.to_affine()).to_cols_array();
+        assert_eq!(
+            RigidTransform::from_row_major(&transposed).unwrap_err(),
+            CameraError::Transposed
+        );
+        let scaled = DMat4::from(DAffine3::from_mat3_translation(
+            a.rotation * 2.0,
+            a.translation,
+        ));
+        assert!(matches!(
+            RigidTransform::from_row_major(&scaled.to_cols_array()),
             Err(CameraError::NotAffine(_))
         ));
     }

@@ -176,7 +176,7 @@ pub(super) fn sentence(
                 "the pose convention looks wrong; the poses fit better if read with {name} ({evidence})"
             )
         }
-        Change::Views(sentence) => sentence.clone(),
+        Change::Views(sentence) | Change::Shifted(sentence) => sentence.clone(),
         Change::Unlisted => format!("pictures and poses contradict each other ({evidence})"),
         Change::Cameras(how) => format!("{how} ({evidence}); correct the cameras' file"),
         Change::Bent(by) => {

@@ -44,6 +44,8 @@ pub(super) enum Change {
     Unlisted,
     /// Some views are wrong; holds a description of the views and of the error.
     Views(String),
+    /// Each picture is shifted by another amount; holds a description.
+    Shifted(String),
     /// Cameras are swapped; holds a description of which cameras.
     Cameras(String),
     /// The lenses distort; holds their [`Reading::bend`].
@@ -86,6 +88,7 @@ impl Change {
             Self::Focal(..)
                 | Self::CentreSwapped
                 | Self::CentreOff(_)
+                | Self::Shifted(_)
                 | Self::Bent(_)
                 | Self::Registered(_)
                 | Self::Buffer(_)

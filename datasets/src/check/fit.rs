@@ -167,7 +167,11 @@ impl Neighbours<'_> {
             .chain(self.elsewhere(&as_read))
             .chain(is_poor.then(|| self.z_buffer()))
             .chain(is_poor.then(|| self.between_planes()));
-        let complex = complex.filter(is_candidate).min_by(by_loss);
+        let complex: Vec<_> = complex.filter(is_candidate).collect();
+        let is_poor = is_poor || !complex.is_empty();
+        let shifted = is_poor.then(|| self.shifted(&as_read)).flatten();
+        let complex = complex.into_iter().chain(shifted.filter(is_candidate));
+        let complex = complex.min_by(by_loss);
         let complex = complex.filter(|(_, complex)| {
             let simple = simple.as_ref();
             simple.is_none_or(|(_, simple)| is_better(simple, complex, MIN_GAIN))

@@ -5,7 +5,8 @@
 //! * [`consistency`][]: agreement of depth and colours projected from view to view.
 //! * `small_view`, `neighbours`, `explained`, `change`, `fit`: alternative interpretations of poses, cameras and depth,
 //!   fitted to reduced views.
-//! * `one_view`, `some_views`: interpretations that affect some views only.
+//! * `one_view`, `some_views`, `shifted`: interpretations that affect some views only.
+//! * `still`: poses or pictures that stand still.
 //! * `stereo`, `block_match`: interpretations of a rectified pair and its disparities.
 //! * `features`: interpretations of poses without depth.
 //! * `orders`: other assignments of pictures to poses; `search`: search for the best-fitting factor.
@@ -32,9 +33,11 @@ mod overflow;
 mod plausible;
 mod registered;
 mod search;
+mod shifted;
 mod small_view;
 mod some_views;
 mod stereo;
+mod still;
 mod z_buffer;
 
 use std::collections::BTreeSet;
@@ -186,10 +189,7 @@ const QUICK: Effort = Effort {
 pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
     match scene.pairing {
         Pairing::Stereo { source, target } => BTreeSet::from([source, target]),
-        _ => neighbours::neighbours(scene.views.len(), QUICK)
-            // Includes the view before each pair and the view after it.
-            .flat_map(|i| i.saturating_sub(1)..(i + 3).min(scene.views.len()))
-            .collect(),
+        _ => still::looked_at(&scene.views, QUICK),
     }
 }
 
@@ -229,6 +229,14 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let overflowed = overflow::overflowed(&scene.views, effort);
     let is_known = overflowed.is_some() || plausible::are_of_other_size(&scene.views);
     contradictions.extend(overflowed);
+    let still = || {
+        let one_pose = plausible::one_pose(&scene.views);
+        one_pose.or_else(|| still::frozen_poses(&scene.views, effort))
+    };
+    let repeated = |mut same: BTreeSet<usize>| {
+        same.extend(still::same_files(&scene.views, effort));
+        still::repeated_pictures(&scene.views, &same, effort)
+    };
     contradictions.extend(match (&scene.pairing, &neighbours) {
         // An overflow or a wrong calibration also makes the following tests fail, so they would not reveal any other
         // error.
@@ -239,8 +247,8 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             contradiction
         }
         (_, Some(neighbours)) => {
-            let contradiction = plausible::one_pose(&scene.views);
-            let contradiction = contradiction.or_else(|| neighbours.repeated());
+            let contradiction = still().or_else(|| neighbours.repeated());
+            let contradiction = contradiction.or_else(|| repeated(BTreeSet::new()));
             let contradiction = contradiction.or_else(|| neighbours.contradictions(units));
             if effort.thorough {
                 note = neighbours.exposures();
@@ -265,7 +273,8 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
         (_, None) => {
             let matches = Matches::new(&scene.views, effort, true);
             note = Some(matches.note());
-            let named = plausible::one_pose(&scene.views).or_else(|| matches.contradiction(units));
+            let named = still().or_else(|| repeated(matches.repeated.clone()));
+            let named = named.or_else(|| matches.contradiction(units));
             named.or_else(|| floor(&matches, None))
         }
     });

@@ -18,7 +18,7 @@ use crate::view::evenly_spaced;
 pub(super) const MAX_ALL: usize = 12;
 
 /// Identical pictures are an error if the content moves by at least this between the two views, in reduced pixels.
-const MIN_MOVED: f64 = 1.5;
+pub(super) const MIN_MOVED: f64 = 1.5;
 
 /// Colours fit if their difference is at most this fraction of the difference between unrelated places.
 const EXPLAINED: f64 = 0.35;

@@ -48,14 +48,16 @@ fn swapped_centres(views: &[View]) -> Option<String> {
     ))
 }
 
+pub(super) fn is_same_pose(one: &View, other: &View) -> bool {
+    let [one, other] = [one, other].map(|view| view.camera_from_world);
+    one.rotation.abs_diff_eq(other.rotation, 1e-9)
+        && one.translation.abs_diff_eq(other.translation, 1e-9)
+}
+
 /// Detects views that all have the same pose.
 pub(super) fn one_pose(views: &[View]) -> Option<String> {
-    let first = views.first()?.camera_from_world;
-    let is_first = |view: &View| {
-        let pose = view.camera_from_world;
-        pose.rotation.abs_diff_eq(first.rotation, 1e-9)
-            && pose.translation.abs_diff_eq(first.translation, 1e-9)
-    };
+    let first = views.first()?;
+    let is_first = |view: &View| is_same_pose(view, first);
     (views.len() >= 2 && views.iter().all(is_first)).then(|| {
         format!(
             "all {} views have the same pose; give each view its own pose in the camera file",

@@ -120,6 +120,13 @@ impl SmallView {
         })
     }
 
+    pub(super) fn with_camera(&self, camera: Intrinsics) -> Self {
+        Self {
+            camera,
+            ..self.clone()
+        }
+    }
+
     pub(super) fn with_depth_times(&self, factor: f64) -> Self {
         let depth = self.depth.iter().map(|z| z * factor as f32);
         Self {
@@ -298,6 +305,12 @@ pub(super) struct Grey {
 impl Grey {
     pub(super) fn size(&self) -> (u32, u32) {
         (self.camera.width, self.camera.height)
+    }
+
+    /// True if both pictures are identical.
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        let levels = self.levels.iter().map(|level| level.to_bits());
+        levels.eq(other.levels.iter().map(|level| level.to_bits()))
     }
 
     pub(super) fn at(&self, x: u32, y: u32) -> f32 {

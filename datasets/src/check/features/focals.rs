@@ -35,6 +35,7 @@ impl Matches<'_> {
         Self {
             cameras: cameras.collect(),
             matches: self.matches.clone(),
+            repeated: self.repeated.clone(),
             ..*self
         }
     }
@@ -146,6 +147,8 @@ pub(in crate::check) fn swapped_focals(views: &[View]) -> Option<(String, Vec<DV
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use glam::{DMat3, DVec3};
     use sharp::camera::RigidTransform;
 
@@ -199,6 +202,7 @@ mod tests {
                 views,
                 cameras: cameras.collect(),
                 matches: matches.to_vec(),
+                repeated: BTreeSet::new(),
             };
             let wrong = right.with_focals(|_| times);
             (wrong.contradiction(Units::default()), wrong.note())

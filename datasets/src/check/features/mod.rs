@@ -23,7 +23,7 @@ use crate::view::evenly_spaced;
 pub(super) use focals::swapped_focals;
 
 /// Maximum width of the reduced views, in pixels.
-const WIDEST: u32 = 192;
+pub(super) const WIDEST: u32 = 192;
 /// Number of cells across and down; each gives one feature.
 const CELLS: (u32, u32) = (14, 10);
 /// Radius of the patch around a feature that is compared, in pixels.
@@ -45,7 +45,7 @@ pub(super) const MIN_MATCHES: usize = 30;
 const MIN_SHARE: f64 = 0.6;
 /// Another interpretation must explain a larger fraction of the matches than the dataset reader's own, by at least
 /// this.
-const MIN_MORE: f64 = 0.2;
+pub(super) const MIN_MORE: f64 = 0.2;
 /// Another interpretation must explain more matches than the dataset reader's own, by at least this many standard
 /// errors.
 const MIN_ERRORS: f64 = 4.0;
@@ -70,41 +70,67 @@ pub(super) struct Matches<'a> {
     pub(super) cameras: BTreeMap<usize, Intrinsics>,
     /// View index, and the positions in that view and in the next.
     pub(super) matches: Vec<(usize, DVec2, DVec2)>,
+    /// Indices of views that have the same picture as the next view.
+    pub(super) repeated: BTreeSet<usize>,
+}
+
+/// The reduced picture of a view; `None` if it cannot be read, or is smaller than [`MIN_SIDE`].
+fn grey(view: &View) -> Option<Grey> {
+    let grey = SmallView::new(view, false, WIDEST)?.grey();
+    (grey.size().0.min(grey.size().1) >= MIN_SIDE).then_some(grey)
+}
+
+/// Cameras of two views at reduced size, and the places of features that match in both directions, in the first view and
+/// in the second. `None` if a view cannot be read, or if fewer than [`MIN_MATCHES`] features match.
+pub(super) fn matched_views(
+    one: &View,
+    other: &View,
+) -> Option<([Intrinsics; 2], Vec<[DVec2; 2]>)> {
+    let (a, b) = (grey(one)?, grey(other)?);
+    let found = matched(&a, &b, true).into_iter();
+    let found: Vec<[DVec2; 2]> = found.map(|(at, to)| [at, to]).collect();
+    (found.len() >= MIN_MATCHES).then_some(([a.camera, b.camera], found))
+}
+
+/// Places of features of one picture and of their unique matches in another. If `both_ways`, each of the two features
+/// must be the best match of the other, which rules out most wrong matches in repeated patterns.
+fn matched(a: &Grey, b: &Grey, both_ways: bool) -> Vec<(DVec2, DVec2)> {
+    let patches_a = both_ways.then(|| patches(a));
+    let patches_b = patches(b);
+    let found = features(a).into_iter().filter_map(|at| {
+        let place = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let found = matching(&patch(a, at), at, b.size(), &patches_b);
+        let (to, _) = found.filter(|(_, is_unique)| *is_unique)?;
+        let returns = |patches_a: &Vec<_>| {
+            let back = matching(&patch(b, to), to, a.size(), patches_a);
+            back.is_some_and(|(back, _)| !is_apart(back, at))
+        };
+        let is_match = patches_a.as_ref().is_none_or(returns);
+        is_match.then(|| (place(at), place(to)))
+    });
+    found.collect()
 }
 
 impl<'a> Matches<'a> {
-    /// Matches features of neighbouring views. If `both_ways`, each of the two features must be the
-    /// best match of the other, which rules out most wrong matches in repeated patterns.
+    /// Matches features of neighbouring views, `both_ways` as for [`matched`].
     pub(super) fn new(views: &'a [View], effort: Effort, both_ways: bool) -> Self {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
         let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
-        let grey = |i: &usize| Some((*i, SmallView::new(&views[*i], false, WIDEST)?.grey()));
-        let is_large = |(_, grey): &(usize, Grey)| grey.size().0.min(grey.size().1) >= MIN_SIDE;
-        let grey = wanted.iter().filter_map(grey).filter(is_large);
-        let grey: BTreeMap<usize, Grey> = grey.collect();
-        let mut matches = Vec::new();
+        let grey = |i: &usize| Some((*i, grey(&views[*i])?));
+        let grey: BTreeMap<usize, Grey> = wanted.iter().filter_map(grey).collect();
+        let (mut matches, mut repeated) = (Vec::new(), BTreeSet::new());
         for i in firsts {
             if let (Some(a), Some(b)) = (grey.get(&i), grey.get(&(i + 1))) {
-                let patches_a = both_ways.then(|| patches(a));
-                let patches_b = patches(b);
-                let found = features(a).into_iter().filter_map(|at| {
-                    let place = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                    let found = matching(&patch(a, at), at, b.size(), &patches_b);
-                    let (to, _) = found.filter(|(_, is_unique)| *is_unique)?;
-                    let returns = |patches_a: &Vec<_>| {
-                        let back = matching(&patch(b, to), to, a.size(), patches_a);
-                        back.is_some_and(|(back, _)| !is_apart(back, at))
-                    };
-                    let is_match = patches_a.as_ref().is_none_or(returns);
-                    is_match.then(|| (i, place(at), place(to)))
-                });
-                matches.extend(found);
+                let found = matched(a, b, both_ways).into_iter();
+                matches.extend(found.map(|(at, to)| (i, at, to)));
+                repeated.extend(a.is_same(b).then_some(i));
             }
         }
         Self {
             views,
             cameras: grey.into_iter().map(|(i, grey)| (i, grey.camera)).collect(),
             matches,
+            repeated,
         }
     }
 
@@ -160,6 +186,10 @@ impl<'a> Matches<'a> {
         // Of equally good changes, takes the first, which is the simplest.
         let (change, found, explained) =
             better.min_by_key(|(_, found, _)| Reverse(found.after - found.before))?;
+        let is_shifted = share(&explained) + MIN_MORE <= 1.0;
+        if let Some(shifted) = is_shifted.then(|| self.shifted(&explained)).flatten() {
+            return Some(shifted);
+        }
         let (change, evidence) = match change {
             Change::Convention(_) => self.convention(units, &as_read, &explained)?,
             change => (change, found.evidence()),
@@ -297,7 +327,7 @@ impl<'a> Matches<'a> {
     }
 }
 
-fn share(explained: &[Option<bool>]) -> f64 {
+pub(super) fn share(explained: &[Option<bool>]) -> f64 {
     let given = explained.iter().flatten();
     given.clone().filter(|one| **one).count() as f64 / given.count().max(1) as f64
 }

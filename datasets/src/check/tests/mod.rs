@@ -4,6 +4,7 @@ mod depth;
 mod pairs;
 mod proper;
 mod spoiled;
+mod still;
 
 use std::ops::Range;
 use std::path::PathBuf;
