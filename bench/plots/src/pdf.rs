@@ -20,7 +20,7 @@ use super::text::{self, Stroke};
 /// Distance of a quarter circle's control points along its tangents, in radii.
 const ARC: f64 = 0.552_284_75;
 
-/// Renders a page of `size` units, each `points` points (1/72 inch) long.
+/// Renders a page of `width` × `height` units as PDF; a unit is `points` points (1/72 inch) long.
 pub(super) fn render(
     title: &str,
     shapes: &[Shape],

@@ -46,7 +46,7 @@ pub(super) struct GateArgs {
     /// require_power = { psnr = 0.5 }
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// A limit in addition to those of --config; repeatable
+    /// A limit on the significant difference B − A, in addition to those of --config; repeatable
     #[arg(long, value_name = "LIMIT")]
     fail_if: Vec<Limit>,
     /// Exit code 5 if the runs have too little data to detect a difference of this size, as in psnr=0.5,lpips=0.01

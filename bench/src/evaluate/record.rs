@@ -224,8 +224,8 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
             && *gaussians.entry([method, dataset, file]).or_insert(hash) != hash
         {
             return Some(format!(
-                "the Gaussians {file} of '{method}' have changed: some targets were rendered from another version of \
-                 the file than {}",
+                "the Gaussians {file} of '{method}' have changed: pair {} was rendered from another version of the file \
+                 than earlier pairs",
                 record.pair_id
             ));
         }

@@ -208,7 +208,8 @@ pub struct MethodIdentity {
 }
 
 impl MethodIdentity {
-    /// Key of the setting with the metric that chooses among scales; absent if a method predicts a single scale.
+    /// Key of the setting that states by which metric the best of several scales is chosen. Methods that predict a single
+    /// scale do not have this setting.
     pub const CHOSEN_BY: &str = "chosen_by";
 
     pub fn new<const N: usize>(kind: &str, settings: [(&str, String); N]) -> Self {

@@ -145,12 +145,12 @@ fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
     let scaled = if options.depth.is_ground_truth() {
         ""
     } else {
-        ", but depth from elsewhere is scaled to the dataset's own (except with overlap=given-metric)"
+        ", which is needed, because depth from elsewhere is scaled to it (except with overlap=given-metric)"
     };
     format!(
-        "no view has depth{scaled}; `datasets check` lists the missing files; without them, either use depth maps \
-         of your own in metres (--pair-options overlap=given-metric with --overlap-depth DIR), or select pairs \
-         without an overlap (missing-depth=accept)"
+        "no view has depth{scaled}; `datasets check` lists the missing files; if you cannot get them, use depth \
+         maps of your own in metres (--pair-options overlap=given-metric with --overlap-depth DIR), or select pairs \
+         without an overlap (--pair-options missing-depth=accept)"
     )
 }
 

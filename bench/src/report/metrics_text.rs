@@ -125,7 +125,7 @@ fn backbone(info: &MetricInfo) -> String {
         format!(", sha256 \\texttt{{{}}}", short(sha256))
     });
     let features = short(features);
-    format!("{name}{file}, sha256 of the features \\texttt{{{features}}}")
+    format!("{name}{file}, sha256 of the convolutions' weights \\texttt{{{features}}}")
 }
 
 /// The first digits of a hash. Drops other characters, because files may state any text as their hash.

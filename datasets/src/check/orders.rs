@@ -263,9 +263,8 @@ impl Neighbours<'_> {
         })
     }
 
-    /// Evaluates each projection as if the parts `moves` of picture i came from view `of(i)`.
-    /// `None` if `of` returns no view for one of the projection's two pictures, or the same view
-    /// for both.
+    /// Evaluates each projection as if picture i had the pose, the depth map, or both (`moves`) of view `of(i)`. `None` if
+    /// one of its two pictures gets no view, or one whose parts cannot be used, or if both get the same view.
     fn in_order(
         &self,
         as_read: &[Explained],

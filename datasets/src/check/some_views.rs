@@ -126,7 +126,8 @@ impl Neighbours<'_> {
         })
     }
 
-    /// The views, at least one and at most half of them, to which applying the factor explains the projections best.
+    /// Chooses the views to apply the factor to: the set of at least one and at most half of the views with the smallest
+    /// mean loss. Returns it with the statistics of the projections.
     fn best_choice(&self, choices: Choices<'_>) -> (Vec<usize>, Vec<Explained>) {
         let views: Vec<usize> = self.small.keys().copied().collect();
         let all = 1..1_u32 << views.len();

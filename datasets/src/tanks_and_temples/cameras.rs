@@ -66,7 +66,7 @@ impl SceneCameras {
         for image in &model.images {
             let name = key_of(&image.name);
             if *ids.entry(name.clone()).or_insert(image.camera_id) != image.camera_id {
-                let reason = format!("gives pictures named {name} different cameras");
+                let reason = format!("assigns more than one camera to pictures named {name}");
                 return Err(DatasetError::malformed(model.images_file(), reason));
             }
             lenses.insert(name, model.needed_lens(image)?);

@@ -80,8 +80,8 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<Gaussian
     decoded.scene(&given)
 }
 
-/// The error for files whose rows are longer than the header states, which is assumed if the number
-/// of surplus bytes is a multiple of the number of rows.
+/// The error for a file whose rows are longer than its header states. This is assumed if the file has at least 20 rows,
+/// and the number of surplus bytes is a multiple of the number of rows; otherwise `None`.
 fn longer_rows(surplus: usize, count: usize) -> Option<PlyReason> {
     // With few rows, the surplus may be a multiple of the count by chance.
     let is_padding = count >= 20 && surplus > 0 && surplus.is_multiple_of(count);

@@ -9,8 +9,8 @@ pub struct PseudoViews {
     /// Maximum distance of a pseudo-novel camera from the photograph's, as a fraction of the photograph's median
     /// depth. The camera looks at a point at this depth.
     pub part_of_distance: f64,
-    /// Maximum distance, horizontally and vertically, of the point that a camera looks at from the photograph's axis,
-    /// as a fraction of the median depth.
+    /// Each camera looks at a point near the photograph's axis. Maximum distance of that point from the axis, horizontally
+    /// and vertically each, as a fraction of the median depth.
     pub part_aside: f64,
     /// Minimum alpha at which losses use a pixel of the rendering.
     pub covered: f32,

@@ -40,7 +40,7 @@ use crate::stopped;
 
 /// Callbacks to monitor and control a training run.
 pub trait Watcher {
-    /// Called after every step.
+    /// Called after every step; `steps` is the number of steps of the current stage.
     fn stepped(&mut self, record: &StepRecord, steps: u64);
 
     /// Evaluates the weights in a file; called at the configured interval and after the last step. Returns named

@@ -253,7 +253,7 @@ fn several_cameras_that_nothing_assigns_are_refused_with_the_way_out() {
     write::text(&at, "images.txt", &twice);
     let error = refusal(FORMAT, folder.path());
     assert!(
-        error.contains("images.txt: gives pictures named 000001 different"),
+        error.contains("images.txt: assigns more than one camera to pictures named 000001"),
         "{error}"
     );
     write::text(&at, "images.txt", &images.replace(" 98 ", " 7 "));

@@ -146,7 +146,7 @@ pub(super) fn score(
     })
 }
 
-/// The picture as 8 bit, for detecting changes.
+/// The picture rounded to 8 bit, in which the common mistakes of storing pictures are looked for.
 fn eight_bit(picture: &Picture) -> Cow<'_, RgbImage> {
     match picture {
         Picture::Rgb8(image) => Cow::Borrowed(image),

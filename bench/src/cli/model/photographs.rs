@@ -45,7 +45,7 @@ pub(crate) struct PredictArgs {
     /// Omit the PLY elements that SHARP's release adds and that some viewers cannot read
     #[arg(long)]
     pub(super) plain: bool,
-    /// Also write both depth layers next to the PLY
+    /// Also write the depth of SHARP's two layers next to the PLY
     #[arg(long, value_enum, value_name = "FORM")]
     pub(super) depth: Option<DepthForm>,
     /// Write only depth, predicted by a checkpoint of Depth Pro; files in a folder are .exr unless --depth is given

@@ -28,7 +28,7 @@ pub(crate) struct RecordArgs {
     /// Name of the recording within the --out file [default: the photograph's stem]
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
-    /// Write all values of a stage that has at most N values
+    /// Write stages of at most N values whole, and 512 values of larger ones [default: 65536]
     #[arg(long, value_name = "N")]
     whole_up_to: Option<usize>,
     /// File to write

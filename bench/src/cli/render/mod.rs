@@ -25,7 +25,7 @@ use crate::rendering::BatchRenderer;
 
 /// Render 3D Gaussians to a picture, frames or a movie
 ///
-/// SCENE is a .ply file (from SHARP, or of plain 3D Gaussians) or a .safetensors file with `means`, `quats_wxyz`,
+/// SCENE is a file of 3D Gaussians (.ply, .spz, .sog or .splat), or a .safetensors file with `means`, `quats_wxyz`,
 /// `scales`, `opacities` and either `colors_linear` or `sh` (harmonics of encoded colours, [N,(degree+1)²,3]). OUT is
 /// .png (sRGB, 8 bit), .exr (linear RGB, alpha, accumulated depth) or .safetensors (`rgb_linear` [H,W,3], `alpha`
 /// [H,W], `depth_acc` [H,W]). With --rendering or encoded colours, .safetensors has `rgb` instead of `rgb_linear`;

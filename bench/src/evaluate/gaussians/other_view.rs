@@ -106,9 +106,9 @@ impl OtherView<'_> {
     }
 }
 
-/// The other view that explains the Gaussians best, if significantly better than their own source (`as_read`). Either
-/// its photograph matches the Gaussians, rendered from it or from the source (`shown`), or the means are in its
-/// camera's space.
+/// The view among `others` that explains the Gaussians best, if significantly better than the source does (`as_read`).
+/// Three things are compared: the view's photograph with `shown`, the rendering from the source; the view's photograph
+/// with a rendering from that view; and the source's photograph with the Gaussians placed in that view's camera space.
 pub(super) fn other_view<'a>(
     prediction: &GaussianPrediction,
     reading: &FileReading,

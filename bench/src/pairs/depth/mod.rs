@@ -49,7 +49,7 @@ impl DepthSource for GroundTruthDepth {
     }
 }
 
-/// Dense predicted depth, scaled to the dataset's sparse depth by the median of their ratios, as in the paper for
+/// Dense predicted depth, multiplied by the median of the dataset's depth over predicted depth, as the SHARP paper does on
 /// ETH3D.
 #[derive(Debug, Clone)]
 pub struct ScaledToGroundTruth<S>(

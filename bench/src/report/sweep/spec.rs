@@ -31,7 +31,7 @@ pub enum Split {
     Privileged,
 }
 
-/// A limit on the mean of a metric.
+/// A value of a metric. The sweep reports the camera motion beyond which a method's mean is worse than it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Threshold {
     pub metric: MetricKey,

@@ -413,7 +413,7 @@ fn notes_of(comparison: &RunComparison) -> Vec<String> {
     let damaged = comparison.results.damaged.iter().map(|path| {
         let path = path.display();
         format!(
-            "{path} is damaged, so its unit is missing; `run` with the same options recomputes it"
+            "{path} is damaged, so its result (one method on one pair) counts as missing; `run` with the same options recomputes it"
         )
     });
     comparison.notes.iter().cloned().chain(damaged).collect()

@@ -145,7 +145,7 @@ impl<'a> Matches<'a> {
         };
         if n >= MIN_MATCHES {
             format!(
-                "poses: without depth, {:.0} % of {n} features that match between neighbouring views lie on their \
+                "poses (checked without depth): {:.0} % of {n} features that match between neighbouring views lie on their \
                  epipolar lines{unjudged}",
                 100.0 * share
             )
