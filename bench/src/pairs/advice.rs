@@ -262,7 +262,7 @@ mod tests {
         assert!(other.contains("given-metric"), "{other}");
         let scaled = said("eth3d=/x", "overlap=sharp-release", depth(0, 0)).unwrap();
         assert!(
-            scaled.contains("is scaled to the dataset's own"),
+            scaled.contains("is scaled to it"),
             "{scaled}"
         );
         let near = PairCounts {
