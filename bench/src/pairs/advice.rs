@@ -261,10 +261,7 @@ mod tests {
         let other = said("scannetpp=/x,split=nvs_sem_val", "", depth(0, 0)).unwrap();
         assert!(other.contains("given-metric"), "{other}");
         let scaled = said("eth3d=/x", "overlap=sharp-release", depth(0, 0)).unwrap();
-        assert!(
-            scaled.contains("is scaled to it"),
-            "{scaled}"
-        );
+        assert!(scaled.contains("is scaled to it"), "{scaled}");
         let near = PairCounts {
             too_near: 90,
             ..depth(0, 0)
