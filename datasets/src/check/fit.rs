@@ -142,19 +142,21 @@ impl Neighbours<'_> {
             ..Reading::AS_READ
         };
         let still = agrees(&as_read).then(|| self.explained(&still, self.stride));
+        // The points of a scan give depth itself, never another function of it.
+        let is_possible = |change: &Change| {
+            let is_function = matches!(
+                change,
+                Change::Inverse(_)
+                    | Change::RayLength
+                    | Change::NoRayLength
+                    | Change::Short(_)
+                    | Change::Buffer(_)
+                    | Change::Planes { .. }
+            );
+            !(self.depth_by_pose && is_function)
+        };
         let is_candidate = |(change, other): &(Change, Vec<Explained>)| {
-            // The points of a scan give depth itself, never another function of it.
-            let is_impossible = self.depth_by_pose
-                && matches!(
-                    change,
-                    Change::Inverse(_)
-                        | Change::RayLength
-                        | Change::NoRayLength
-                        | Change::Short(_)
-                        | Change::Buffer(_)
-                        | Change::Planes { .. }
-                );
-            !is_impossible
+            is_possible(change)
                 && is_better_by(&as_read, other, change.least_gain())
                 && !is_refuted(&as_read, other, matches!(change, Change::Order(..)))
                 && !(matches!(change, Change::Flipped(..)) && is_plain(&as_read, other))
