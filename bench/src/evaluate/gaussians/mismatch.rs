@@ -24,6 +24,13 @@ const MIN_OVERLAP: f64 = 0.5;
 /// Minimum angle of the rotations that are tried, in degrees.
 const MIN_TURN_DEG: f64 = 3.0;
 
+/// A part of Gaussians that may not have been turned with the rest.
+#[derive(Clone, Copy, PartialEq)]
+pub(in crate::evaluate) enum Part {
+    Quaternions,
+    Harmonics,
+}
+
 impl Trial<'_> {
     /// Compares with the photograph after multiplying standard deviations by a factor; `None` unless this is
     /// significantly better than `as_read`.
@@ -81,7 +88,7 @@ impl Trial<'_> {
                     .as_ref()
                     .is_none_or(|(_, known)| fit.error() < known.error())
                 && (factor > 1.0 || self.fits_between([gaussians, &other], map)?)
-                && self.is_borne_out([gaussians, &other], reading, elsewhere)?
+                && self.is_borne_out([(gaussians, map), (&other, map)], reading, elsewhere)?
             {
                 best = Some((factor, fit));
             }
@@ -106,58 +113,12 @@ impl Trial<'_> {
         Ok(matches!((own?, other?), (Some(own), Some(other)) if other.gain_over(&own) > 0.0))
     }
 
-    /// Turns means and quaternions, but not the harmonics, by each of [`Self::turns`], and the camera with them. If the
-    /// best match is significantly better than `as_read`, returns its angle, in degrees, and its comparison: the
-    /// Gaussians were probably turned without their harmonics.
-    pub(in crate::evaluate) fn other_harmonics(
-        &self,
-        gaussians: &Gaussians,
-        reading: &FileReading,
-        as_read: &Likeness,
-        elsewhere: &[Trial<'_>],
-    ) -> Result<Option<(f64, Likeness)>, RenderError> {
-        let mut best: Option<(f64, Likeness)> = None;
-        let is_drawn = self.rule.is_some_and(|rule| rule.degree > 0);
-        if gaussians.harmonics.degree == 0 || !is_drawn {
-            return Ok(best);
-        }
-        let placed = reading.placement.camera_from_file(self.source);
-        let error_elsewhere = |gaussians: &Gaussians, back: DAffine3| {
-            let mut all = Likeness::default();
-            for other in elsewhere.iter().filter(|_| self.of_several_views) {
-                let map = self.source.to(other.source).to_affine() * placed * back;
-                let fit = other.fit(gaussians, map)?;
-                all = fit.map_or(all.clone(), |fit| all.joined(&fit));
-            }
-            Ok::<_, RenderError>(all.error())
-        };
-        let error_as_read = error_elsewhere(gaussians, DAffine3::IDENTITY)?;
-        for turn in self.turns(reading.placement) {
-            let mut other = with_turned_quaternions(gaussians, turn);
-            for mean in &mut other.means {
-                *mean = (turn * DVec3::from(mean.map(f64::from)))
-                    .as_vec3()
-                    .to_array();
-            }
-            let back = DAffine3::from_quat(turn.inverse());
-            if let Some(fit) = self.fit(&other, placed * back)?
-                && fit.is_better_than(as_read)
-                && best
-                    .as_ref()
-                    .is_none_or(|(_, known)| fit.error() < known.error())
-                && error_elsewhere(&other, back)? <= error_as_read
-            {
-                best = Some((degrees(turn), fit));
-            }
-        }
-        Ok(best)
-    }
-
-    /// Turns the quaternions by each of [`Self::turns`]. If the best match is significantly better than `as_read`,
-    /// returns its angle, in degrees, and its comparison: the means were probably turned without the quaternions.
+    /// Turns `part` of the Gaussians by each of [`Self::turns`]. If the best match is significantly better than `as_read`,
+    /// returns its angle, in degrees, and its comparison: the other parts were probably turned without this one.
     pub(in crate::evaluate) fn other_turn(
         &self,
         gaussians: &Gaussians,
+        part: Part,
         reading: &FileReading,
         as_read: &Likeness,
         elsewhere: &[Trial<'_>],
@@ -166,17 +127,38 @@ impl Trial<'_> {
         let map = placement.camera_from_file(self.source);
         let own_area = self.mean_area(gaussians, placement);
         let mut best: Option<(f64, Likeness)> = None;
+        let shows_harmonics =
+            gaussians.harmonics.degree > 0 && self.rule.is_some_and(|rule| rule.degree > 0);
+        if part == Part::Harmonics && !shows_harmonics {
+            return Ok(best);
+        }
         for turn in self.turns(placement) {
-            let other = with_turned_quaternions(gaussians, turn);
-            // Skip turns that show the Gaussians more edge-on: they would only sharpen a rendering whose Gaussians are
-            // too wide.
-            if self.mean_area(&other, placement) >= MIN_FACING_AREA * own_area
-                && let Some(fit) = self.fit(&other, map)?
+            let mut other = with_turned_quaternions(gaussians, turn);
+            let mut other_map = map;
+            match part {
+                // Skip turns that show the Gaussians more edge-on: they would only sharpen a rendering whose Gaussians
+                // are too wide.
+                Part::Quaternions
+                    if self.mean_area(&other, placement) < MIN_FACING_AREA * own_area =>
+                {
+                    continue;
+                }
+                Part::Quaternions => {}
+                // Turning all else and the camera backwards turns the harmonics.
+                Part::Harmonics => {
+                    for mean in &mut other.means {
+                        let turned = turn * DVec3::from(mean.map(f64::from));
+                        *mean = turned.as_vec3().to_array();
+                    }
+                    other_map *= DAffine3::from_quat(turn.inverse());
+                }
+            }
+            if let Some(fit) = self.fit(&other, other_map)?
                 && fit.is_better_than(as_read)
                 && best
                     .as_ref()
                     .is_none_or(|(_, known)| fit.error() < known.error())
-                && self.is_borne_out([gaussians, &other], reading, elsewhere)?
+                && self.is_borne_out([(gaussians, map), (&other, other_map)], reading, elsewhere)?
             {
                 best = Some((degrees(turn), fit));
             }

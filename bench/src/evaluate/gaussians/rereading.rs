@@ -427,8 +427,10 @@ impl Trial<'_> {
                 reading.stored.decode(&mut recoded);
                 recoded
             };
-            let of_others =
-                |reading: &FileReading| self.fit_elsewhere(&recoded(reading), reading, neighbours);
+            let of_others = |reading: &FileReading| {
+                let placed = reading.placement.camera_from_file(self.source);
+                self.fit_elsewhere(&recoded(reading), placed, reading, neighbours)
+            };
             let area = |reading: &FileReading| {
                 let trial = self.under(reading);
                 trial.mean_area(&recoded(reading), reading.placement)
@@ -522,7 +524,8 @@ impl Trial<'_> {
             let mut recoded = gaussians.clone();
             reading.stored.encode(&mut recoded);
             other.stored.decode(&mut recoded);
-            let elsewhere = self.fit_elsewhere(&recoded, other, neighbours)?;
+            let placed = other.placement.camera_from_file(self.source);
+            let elsewhere = self.fit_elsewhere(&recoded, placed, other, neighbours)?;
             Ok::<_, RenderError>(fit.joined(&elsewhere))
         };
         let settings = reading.changes_from(&best.0);
@@ -548,34 +551,34 @@ impl Trial<'_> {
         Ok(best)
     }
 
-    /// Whether other views allow replacing the `gaussians` by the `other` ones. If the Gaussians were made from several
-    /// views, the error in the views `elsewhere` must decrease, too; otherwise, or if there are no such views, always
-    /// true.
+    /// Whether other views allow replacing the first Gaussians, with the map that places them, by the second ones. If the
+    /// Gaussians were made from several views, the error in the views `elsewhere` must decrease, too; otherwise, or if
+    /// there are no such views, always true.
     pub(super) fn is_borne_out(
         &self,
-        [gaussians, other]: [&Gaussians; 2],
+        both: [(&Gaussians, DAffine3); 2],
         reading: &FileReading,
         elsewhere: &[Trial<'_>],
     ) -> Result<bool, RenderError> {
         if !self.of_several_views || elsewhere.is_empty() {
             return Ok(true);
         }
-        let own = self.fit_elsewhere(gaussians, reading, elsewhere)?;
-        let other = self.fit_elsewhere(other, reading, elsewhere)?;
-        Ok(other.error() <= MAX_ERROR_OF_IMPROVED * own.error())
+        let [own, other] = both.map(|(of, map)| self.fit_elsewhere(of, map, reading, elsewhere));
+        Ok(other?.error() <= MAX_ERROR_OF_IMPROVED * own?.error())
     }
 
-    /// Compares the Gaussians, rendered into other views, with the photographs of these views.
+    /// Compares the Gaussians, rendered into other views, with the photographs of these views. `camera_from_file` places
+    /// them in the source's camera.
     fn fit_elsewhere(
         &self,
         gaussians: &Gaussians,
+        camera_from_file: DAffine3,
         reading: &FileReading,
         elsewhere: &[Trial<'_>],
     ) -> Result<Likeness, RenderError> {
         let mut joined = Likeness::default();
         for other in elsewhere {
-            let other_from_own = self.source.to(other.source).to_affine();
-            let placed = other_from_own * reading.placement.camera_from_file(self.source);
+            let placed = self.source.to(other.source).to_affine() * camera_from_file;
             let black = RgbImage::new(other.region.width, other.region.height);
             let nothing = || Likeness::of(other.photograph, other.region, &black);
             let fit = other.under(reading).fit(gaussians, placed)?;

@@ -21,6 +21,7 @@ use sharp_metrics::{Mask, Picture, psnr};
 use super::depth_check::{depth_doubt, other_order_of_magnitude, rounded};
 use super::footprint::{MIN_HOLES, hole_share, missing_share, other_background};
 use super::likeness::{Likeness, between_pixels, blur, window};
+use super::mismatch::Part;
 use super::other_view::{OtherView, best_shown, other_view, other_views};
 use super::registration::zoom;
 use super::render::placed;
@@ -391,12 +392,13 @@ impl<'a> Findings<'a> {
             }
         }
         let other = other_view(prediction, reading, trial, elsewhere, &compared, &shown)?;
+        let turned = |part| trial.other_turn(gaussians, part, reading, &compared, elsewhere);
         let (turned, harmonics, inverse) = if is_right {
             (None, None, None)
         } else {
             (
-                trial.other_turn(gaussians, reading, &compared, elsewhere)?,
-                trial.other_harmonics(gaussians, reading, &compared, elsewhere)?,
+                turned(Part::Quaternions)?,
+                turned(Part::Harmonics)?,
                 trial.fit_with_inverse_pose(gaussians, reading, &compared)?,
             )
         };

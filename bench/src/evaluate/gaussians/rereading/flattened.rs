@@ -5,6 +5,7 @@
 //! moves its rendering by up to a pixel, which must not be taken for a wrong shift or focal length.
 
 use glam::{DAffine3, DVec3};
+use image::imageops::interpolate_bilinear;
 use sharp::color::srgb_from_linear;
 use sharp::gaussians::Gaussians;
 use sharp::ply::ColorSpace;
@@ -51,8 +52,8 @@ impl Trial<'_> {
         Ok(shift(&part, &self.renderer.picture(&output)))
     }
 
-    /// Whether the photograph's colours at the centres of the foremost Gaussians are nearer to the Gaussians' own colours
-    /// under `placement` than under `before`. Unlike a rendering, this does not depend on how Gaussians cover each
+    /// Whether the photograph's colours at the centres of the foremost Gaussians are nearer to the constant terms of the
+    /// Gaussians' colours under `placement` than under `before`. Unlike a rendering, this does not depend on how Gaussians cover each
     /// other. True if no centre lies in the photograph.
     pub(super) fn brings_colors_nearer(
         &self,
@@ -109,35 +110,17 @@ impl Trial<'_> {
                 };
                 255.0 * f64::from(encoded.clamp(0.0, 1.0))
             });
-            for (error, place) in errors.iter_mut().zip(places) {
-                *error += self.squared_difference(color, place);
+            for (error, [x, y]) in errors.iter_mut().zip(places) {
+                let [x, y] = [(x, self.region.x), (y, self.region.y)]
+                    .map(|(place, first)| (place + f64::from(first) - 0.5) as f32);
+                let seen = interpolate_bilinear(self.photograph, x, y);
+                let off = seen.iter().flat_map(|seen| seen.0.into_iter().zip(color));
+                *error += off
+                    .map(|(seen, own)| (f64::from(seen) - own).powi(2))
+                    .sum::<f64>();
             }
         }
         errors[0] == 0.0 && errors[1] == 0.0 || errors[1] < errors[0]
-    }
-
-    /// Sum over the channels of the squared difference of `color`, in levels, from the photograph at a place in this
-    /// trial's part, in pixels, interpolated bilinearly.
-    fn squared_difference(&self, color: [f64; 3], [x, y]: [f64; 2]) -> f64 {
-        let (w, h) = self.photograph.dimensions();
-        let [x, y] = [
-            x + f64::from(self.region.x) - 0.5,
-            y + f64::from(self.region.y) - 0.5,
-        ];
-        let (left, above) = (x.floor().max(0.0) as u32, y.floor().max(0.0) as u32);
-        let (across, down) = (x - f64::from(left), y - f64::from(above));
-        let level = |dx: u32, dy: u32, channel: usize| {
-            let pixel = self
-                .photograph
-                .get_pixel((left + dx).min(w - 1), (above + dy).min(h - 1));
-            f64::from(pixel.0[channel])
-        };
-        let sum = (0..3).map(|channel| {
-            let row =
-                |dy: u32| (1.0 - across) * level(0, dy, channel) + across * level(1, dy, channel);
-            ((1.0 - down) * row(0) + down * row(1) - color[channel]).powi(2)
-        });
-        sum.sum()
     }
 
     /// The Gaussians seen by the camera, each moved along its ray to the nearest of a few depths and scaled
