@@ -2,62 +2,38 @@
 //! view: they are far worse where the target does not show the source's content.
 
 use image::RgbImage;
-use sharp_datasets::DepthMap;
+use sharp_datasets::View;
 
+use crate::pairs::depth::PosedDepth;
+use crate::pairs::overlap::{OverlapOptions, seen_mask};
 use crate::pairs::pair_list::ResolvedPair;
+use crate::pairs::valid_depth::is_valid_depth;
 
 /// A picture was rendered from the target's photograph if its squared error is at least this multiple higher where the
 /// target does not show the content. Such places are at edges, so it is several times higher in other pictures as well.
 const MIN_ERROR: f64 = 10.0;
 /// Minimum share of the source's pixels whose content the target does not show, and of those that it shows.
 const MIN_PLACES: f64 = 0.01;
-/// A point is hidden if its depth is at least this multiple of the depth of another point at the same pixel.
-const MIN_BEHIND: f64 = 1.1;
 
-/// For each pixel of the source, reduced to the given size, whether its content is hidden from the target or outside its
-/// picture; `None` for pixels without depth. `None` if the source has no depth.
+/// For each pixel of the source, reduced to the given size, whether its content is not visible in the target; `None` for
+/// pixels without depth. `None` if one of the views has no depth.
 pub(super) fn unseen_by_target(
     planned: &ResolvedPair<'_>,
     (width, height): (u32, u32),
 ) -> Option<Vec<Option<bool>>> {
-    let (source, target) = (planned.source, planned.target);
-    let depth: DepthMap = source.content.depth().ok()??;
-    let [from, to] = [source, target].map(|view| view.intrinsics.resized(width, height));
-    let world_from_source = source.camera_from_world.inverse();
-    let target_from_source = target.camera_from_world.after(&world_from_source);
-    // The pixel of the target (`None` if outside) and the depth there, for pixels with depth.
-    let place = |k: u32| {
-        let (x, y) = (k % width, k / width);
-        let at = [x * depth.width() / width, y * depth.height() / height];
-        let z = f64::from(depth.get_pixel(at[0], at[1]).0[0]);
-        let pixel = glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        (z > 0.0 && z.is_finite()).then(|| {
-            let point = target_from_source.rotation * from.unproject(pixel, z)
-                + target_from_source.translation;
-            let size = glam::DVec2::new(width.into(), height.into());
-            let at = to.project(point).filter(|at| at.min_element() >= 0.0);
-            let at = at.filter(|at| at.cmplt(size).all());
-            (
-                at.map(|at| (at.y as u32 * width + at.x as u32) as usize),
-                point.z,
-            )
-        })
+    let reduced = |view: &View| {
+        let depth = PosedDepth::of_view(view, view.content.depth().ok()??).ok()?;
+        Some(depth.reduced(width.max(height)))
     };
-    let places: Vec<_> = (0..width * height).map(place).collect();
-    let mut nearest = vec![f64::INFINITY; places.len()];
-    for (at, z) in places.iter().flatten() {
-        if let Some(at) = *at {
-            nearest[at] = nearest[at].min(*z);
-        }
-    }
-    let is_unseen =
-        |(at, z): &(Option<usize>, f64)| at.is_none_or(|at| *z >= MIN_BEHIND * nearest[at]);
-    Some(
-        places
-            .iter()
-            .map(|place| place.as_ref().map(is_unseen))
-            .collect(),
-    )
+    let (source, target) = (reduced(planned.source)?, reduced(planned.target)?);
+    let seen = seen_mask(&source, &target, &OverlapOptions::default());
+    let (w, h) = source.depth().dimensions();
+    let is_unseen = |k: u32| {
+        let (x, y) = (k % width, k / width);
+        let at = ((y * h / height) * w + x * w / width) as usize;
+        is_valid_depth(source.depth().as_raw()[at]).then(|| !seen[at])
+    };
+    Some((0..width * height).map(is_unseen).collect())
 }
 
 /// Whether the mean squared error of a picture is far higher in some places (`true`) than in others (`false`). Both must
