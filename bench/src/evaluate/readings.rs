@@ -260,7 +260,7 @@ impl Readings {
     }
 }
 
-/// Converts a kept linear rendering to the picture that `reading` scores. The error is the reason why it cannot.
+/// Converts a kept linear rendering to the picture that `reading` scores. Errors say why it cannot be converted.
 fn from_linear(
     linear: &LinearPicture,
     reading: PictureReading,

@@ -45,6 +45,9 @@ const WORSE_COLOURS: f64 = 1.02;
 /// Like [`WORSE_COLOURS`], but for another assignment of pictures to poses, which must reduce colour differences: views
 /// that move by equal steps fit poses shifted by a step just as well.
 const AS_FAR_COLOURS: f64 = 0.97;
+/// An interpretation under which as many samples land in the other view is refuted if the fraction of depths that agree falls
+/// below this share of the fraction under the reader's interpretation, even if colours fit better.
+const MIN_AGREEMENT: f64 = 0.5;
 /// Minimum texture of the places that an interpretation compares, as a fraction of the texture of the places compared
 /// under the reader's interpretation.
 const MIN_TEXTURE: f64 = 0.2;
@@ -95,8 +98,11 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained], is_order: b
     };
     let (before, after) = (forward(as_read), forward(other));
     let levels = before.colour_levels().zip(after.colour_levels());
-    10 * before.compared >= 3 * after.compared
-        && levels.is_some_and(|(before, after)| after > most * before)
+    let is_farther = 10 * before.compared >= 3 * after.compared
+        && levels.is_some_and(|(before, after)| after > most * before);
+    let disagrees =
+        landed(other) >= landed(as_read) && after.agreement() < MIN_AGREEMENT * before.agreement();
+    is_farther || disagrees
 }
 
 /// True if another interpretation compares mainly places without texture, such as sky, which fit each other anywhere.

@@ -12,6 +12,7 @@ use super::compare::{
 use super::convention::alternatives;
 use super::explained::{DepthIs, Explained, Reading};
 use super::features::swapped_focals;
+use super::floor::MISPLACED_SCAN;
 use super::neighbours::Neighbours;
 use super::plausible::{self, ONE_ROTATION, have_one_rotation};
 use super::search::{is_reportable, least};
@@ -228,6 +229,8 @@ impl Neighbours<'_> {
         let unexplained = |text: String| {
             if have_one_rotation(self.views) {
                 ONE_ROTATION.to_owned()
+            } else if self.depth_by_pose {
+                format!("{text}; {MISPLACED_SCAN}")
             } else {
                 text + rounded.as_deref().unwrap_or_default()
             }

@@ -24,6 +24,10 @@ const MAX_NEAR_LINES: f64 = 0.35;
 /// Poses and pictures agree if at least this fraction of the matches are on their epipolar lines.
 const MIN_ON_LINES: f64 = 0.8;
 
+/// Possible causes of depth from a scan that does not fit.
+pub(super) const MISPLACED_SCAN: &str = "perhaps the transformation that places the scan is wrong or missing, or the \
+                                         scan is in another unit than the poses";
+
 /// Measures how well poses, cameras and depth predict the features that match between a view and the next.
 #[derive(Debug)]
 struct Residual {
@@ -133,7 +137,7 @@ fn distance(median: f64) -> String {
 /// Possible causes of depth that fits neither pictures nor poses.
 fn unfitting_depth(neighbours: &Neighbours<'_>) -> &'static str {
     if neighbours.depth_by_pose {
-        "perhaps the transformation that places the scan is wrong or missing, or the scan is in another unit than the poses"
+        MISPLACED_SCAN
     } else {
         "perhaps depth is nonlinear, is wrapped around, or belongs to another source or picture size"
     }

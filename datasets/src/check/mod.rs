@@ -6,7 +6,7 @@
 //! * `small_view`, `neighbours`, `explained`, `change`, `fit`: alternative interpretations of poses, cameras and depth,
 //!   fitted to reduced views.
 //! * `one_view`, `some_views`, `shifted`: interpretations that affect some views only.
-//! * `still`: poses or pictures that stand still.
+//! * `still`: poses that stay the same while the pictures move, and pictures that stay the same while the poses move.
 //! * `stereo`, `block_match`: interpretations of a rectified pair and its disparities.
 //! * `features`: interpretations of poses without depth.
 //! * `orders`: other assignments of pictures to poses; `search`: search for the best-fitting factor.
@@ -387,12 +387,13 @@ fn decode(view: &View) -> Decoded {
         Ok(Some(depth)) => {
             let valid = depth.iter().filter(|z| **z > 0.0).count();
             if valid == 0 {
-                let cause = if view.content.processing().depth_by_pose {
-                    "; perhaps the transformation that places the scan is wrong"
-                } else {
-                    ""
-                };
-                problems.push(format!("{}: no pixel has depth{cause}", view.id));
+                let is_scan = view.content.processing().depth_by_pose;
+                let cause = is_scan.then(|| format!("; {}", floor::MISPLACED_SCAN));
+                problems.push(format!(
+                    "{}: no pixel has depth{}",
+                    view.id,
+                    cause.unwrap_or_default()
+                ));
             }
             Some(valid as f64 / depth.len().max(1) as f64)
         }

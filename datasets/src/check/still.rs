@@ -3,9 +3,11 @@
 
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
+use std::io::{self, BufRead as _, BufReader};
 use std::path::Path;
 
 use sharp::camera::{RigidTransform, baseline_m};
+use sharp::files::open_regular;
 
 use super::Effort;
 use super::features::{self, matched_views};
@@ -60,8 +62,8 @@ fn around(views: &[View], effort: Effort) -> BTreeSet<usize> {
         .collect()
 }
 
-/// Distances, in reduced pixels and ascending, of the features that match between two views from their places if
-/// only the rotation between the two poses moved them. `None` if too few features match.
+/// How far the features that match between two views moved, apart from what the rotation between the poses explains, in
+/// reduced pixels and ascending. `None` if too few features match.
 fn moves(one: &View, other: &View) -> Option<Vec<f64>> {
     let other_from_one = (other.camera_from_world).after(&one.camera_from_world.inverse());
     let ([camera, other_camera], matches) = matched_views(one, other)?;
@@ -97,13 +99,24 @@ pub(super) fn frozen_poses(views: &[View], effort: Effort) -> Option<String> {
     })
 }
 
+/// Whether two files have the same bytes; reads only up to the first difference.
+fn is_same(one: &Path, other: &Path) -> io::Result<bool> {
+    let open = |file: &Path| open_regular(file).map(BufReader::new);
+    let (mut one, mut other) = (open(one)?, open(other)?);
+    loop {
+        let (a, b) = (one.fill_buf()?, other.fill_buf()?);
+        let n = a.len().min(b.len());
+        if n == 0 || a[..n] != b[..n] {
+            return Ok(a.is_empty() && b.is_empty());
+        }
+        one.consume(n);
+        other.consume(n);
+    }
+}
+
 /// Indices of views whose picture's file has the same bytes as that of the next view. A quick check compares the files
 /// of [`looked_at`], a thorough check those of all views.
 pub(super) fn same_files(views: &[View], effort: Effort) -> BTreeSet<usize> {
-    let is_same = |one: &Path, other: &Path| {
-        let bytes = |file: &Path| sharp::files::read(file).ok();
-        one != other && bytes(one).is_some_and(|one| Some(one) == bytes(other))
-    };
     let around = (!effort.thorough).then(|| around(views, effort));
     let is_read = |i: &usize| around.as_ref().is_none_or(|around| around.contains(i));
     let firsts = (1..views.len()).map(|i| i - 1);
@@ -116,7 +129,7 @@ pub(super) fn same_files(views: &[View], effort: Effort) -> BTreeSet<usize> {
     });
     let same = pairs
         .take(MAX_FILES)
-        .filter(|(_, one, other)| is_same(one, other));
+        .filter(|(_, one, other)| one != other && is_same(one, other).unwrap_or(false));
     same.map(|(i, ..)| i).collect()
 }
 

@@ -156,7 +156,7 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
         }
     };
     fits(&config).map_err(|source| match source {
-        // Of empty placeholders, no configuration has the sizes.
+        // No configuration fits empty placeholders.
         ModelError::Incomplete(found) if found.placeholders() > 0 => {
             NetworkError::Model(found.into())
         }
