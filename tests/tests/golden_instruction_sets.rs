@@ -173,12 +173,7 @@ fn same_bits(level: InstructionSet, algorithm: Algorithm) -> Result<(), Failed> 
     let [a, b] = pair;
     let pair = [a?, b?];
     let mut first: Option<Vec<u64>> = None;
-    for (strip, threads) in [
-        (Some(131), &[1, 3, 8][..]),
-        (Some(1), &[3]),
-        (Some(16), &[2]),
-        (None, &[8]),
-    ] {
+    for (strip, threads) in [(Some(131), &[1, 3][..]), (Some(1), &[3]), (None, &[8])] {
         let scorer = scorer(level, algorithm, strip)?;
         for &threads in threads {
             let pool = rayon::ThreadPoolBuilder::new()
