@@ -84,7 +84,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     sharp_bench(dir, &["report", "u"]).ends_with(0);
     let report = read(dir.join("u/report/report.md"));
     for part in [
-        "mean over source views of means over targets",
+        "mean of the source views' means",
         "1e-8 in SSIM's denominator",
         "5263322553d3e6eff405976dc900bc5de36b7ba8",
     ] {
@@ -101,12 +101,12 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     again.is_error_with(&["the protocol", "unisharp", "choose another folder"]);
     // A mean that differs from that of the runs' tables is reported.
     let compared = sharp_bench(dir, &["compare", "u", "u"]).ends_with(0);
-    let note = "the runs' own tables use the mean over source views of means over targets";
+    let note = "the runs' own tables use the mean of the source views' means";
     assert!(compared.err.contains(note), "{}", compared.err);
     // A report can be requested with other means.
     let over = ["report", "plain", "--aggregate", "scenes", "--out", "over"];
     sharp_bench(dir, &over).ends_with(0);
-    assert!(read(dir.join("over/report.md")).contains("mean over scenes of means over pairs"));
+    assert!(read(dir.join("over/report.md")).contains("mean of the scenes' means"));
 }
 
 #[test]

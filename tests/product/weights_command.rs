@@ -46,7 +46,7 @@ fn weights_are_made_checked_and_converted() {
         &[
             "missing",
             "shape",
-            "for a network of another size, give its configuration with",
+            "for a network of another size, give its configuration: config=FILE.json#NAME",
         ],
     );
     // A fitting configuration next to the file is found.

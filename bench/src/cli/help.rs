@@ -6,7 +6,7 @@ use clap::{Arg, ArgAction, Command, CommandFactory};
 use super::Cli;
 
 /// Special-purpose options, shown only by `--help-all`.
-const RARE: [&str; 36] = [
+const RARE: [&str; 35] = [
     "adapter",
     "aggregate",
     "allow-programs",
@@ -27,7 +27,6 @@ const RARE: [&str; 36] = [
     "memory-limit",
     "near",
     "no-cache",
-    "offset-m",
     "overlap-checkpoint",
     "overlap-config",
     "overlap-depth",

@@ -20,9 +20,9 @@ use crate::track::history::{self, HistoryError};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  sharp-bench history add history runs/nightly --commit $(git rev-parse --short HEAD)
-  sharp-bench history show history
-  sharp-bench history show history --csv trend.csv --html trend.html")]
+  sharp-bench history add scores-over-time runs/nightly --commit $(git rev-parse --short HEAD)
+  sharp-bench history show scores-over-time
+  sharp-bench history show scores-over-time --csv trend.csv --html trend.html")]
 pub(super) struct HistoryArgs {
     #[command(subcommand)]
     command: HistoryCommand,

@@ -23,7 +23,7 @@ pub(super) struct MergeArgs {
     /// Run folders
     #[arg(required = true, value_name = "FOLDER")]
     folders: Vec<PathBuf>,
-    /// Folder to write to
+    /// Folder to write to; without it, the tables of a single folder are rewritten
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print JSON

@@ -47,7 +47,8 @@ pub(super) struct ReportArgs {
     /// Uncertainty shown as ± after each mean in a table [default: ci95 on the page, none elsewhere]
     #[arg(long, value_enum)]
     uncertainty: Option<Uncertainty>,
-    /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to the page]
+    /// Where to put the page's pictures: into the page itself (file) or next to it (folder) [default: file for up to 24
+    /// pairs, else folder]
     #[arg(long, value_enum)]
     layout: Option<Layout>,
     /// Omit paths on this machine, and the pictures of datasets whose terms forbid publishing (the page

@@ -45,7 +45,7 @@ pub(super) struct SweepArgs {
     #[arg(long, value_enum, value_name = "MOTION", default_value = "baseline_m")]
     x: Motion,
     /// Bins: a width (0.1), quantile:N (N bins of equally many pairs, up to 1000) or edges (0,0.1,0.5; pairs beyond
-    /// the edges are left out). A bin includes its lower edge [default: at most ten bins of a round width]
+    /// the edges are left out). A bin includes its lower edge [default: at most ten bins, whose width is a round number]
     #[arg(long, value_name = "BINS")]
     bins: Option<Binning>,
     /// The shaded band around a mean
@@ -63,7 +63,7 @@ pub(super) struct SweepArgs {
     /// A TOML file with the figures' sizes and colours: width_mm, font_pt, dpi, panel_aspect, caption, colours
     #[arg(long, value_name = "FILE")]
     style: Option<PathBuf>,
-    /// Print the list of written files, and the crossings, as JSON
+    /// Print the list of written files, and the results of `--threshold` and `--against`, as JSON
     #[arg(long)]
     json: bool,
 }

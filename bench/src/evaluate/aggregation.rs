@@ -77,8 +77,8 @@ impl fmt::Display for Aggregation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Pairs => "mean over pairs",
-            Self::Scenes => "mean over scenes of means over pairs",
-            Self::Sources => "mean over source views of means over targets",
+            Self::Scenes => "mean of the scenes' means",
+            Self::Sources => "mean of the source views' means",
         })
     }
 }

@@ -25,7 +25,10 @@ pub enum EvaluateError {
         /// The folder to which a relative path was resolved; empty for an absolute path.
         from: String,
     },
-    #[error("dataset '{0}': this version cannot read the location of its files from the manifest")]
+    #[error(
+        "dataset '{0}': the manifest does not say where the dataset's files are, or says it in a form that this version of \
+         sharp-bench cannot read"
+    )]
     NoDatasetSpec(String),
     #[error(transparent)]
     Method(#[from] SpecError),

@@ -25,7 +25,8 @@ use crate::pairs::description::{FORMAT, PairDescription};
 use crate::pairs::pair_id::path_of;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// What to write in addition to the source's picture and the cameras, and how the datasets were read.
+/// Options of an export: which files to write besides the source's picture and the cameras, how the datasets were read, and
+/// factors for the cameras' translation.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ExportOptions {
     /// Write `target.png`, the ground truth.

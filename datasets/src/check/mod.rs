@@ -203,8 +203,8 @@ pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
 struct Look {
     contradictions: Vec<String>,
     consistency: Option<Consistency>,
-    /// A note for the report: without depth, how well the poses agree with matching features; with depth, that views
-    /// differ in exposure.
+    /// A note for the report. If the views have no depth, it says how well the poses agree with matching features; if they
+    /// have, the thorough check notes here that neighbouring views differ in exposure.
     note: Option<String>,
 }
 

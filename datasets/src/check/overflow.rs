@@ -72,7 +72,7 @@ mod tests {
     use crate::check::tests::views_of;
     use crate::synthetic::SyntheticOptions;
 
-    /// Depth map of a view as integers, in a unit in which the fraction `within` of its values fits
+    /// A view's depth map, rounded to integers. The unit is chosen so that a fraction `within` of the positive values fits
     /// in 16 bits.
     fn stored(view: &View, within: f64) -> FloatMap {
         let mut map = view.content.depth().unwrap().unwrap();

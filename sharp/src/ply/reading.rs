@@ -184,7 +184,7 @@ impl From<Option<ColorSpace>> for StoredForm {
 }
 
 impl StoredForm {
-    /// True if files with marks of rules other than SHARP's are accepted.
+    /// True if a file is accepted although its marks show that it was made for another rendering rule than SHARP's.
     pub(crate) fn takes_other_rules(&self) -> bool {
         self.is_ruled || self.blending == ColorSpace::Srgb
     }

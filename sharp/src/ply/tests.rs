@@ -378,8 +378,7 @@ fn interleaved_coefficients_are_put_in_order_and_back() {
     assert_eq!(gaussians, stored);
 }
 
-/// A plausible scene, with opacities and colours in the range of a photograph, which `store`
-/// encodes.
+/// A plausible scene. Its opacities and colours have the range of a photograph's and are encoded by `store`.
 fn varied(store: impl Fn(f32, f32) -> (f32, f32)) -> Gaussians {
     let share = |k: usize| 0.03 + 0.94 * (k as f32 + 0.5) / 400.0;
     let mut all = Gaussians::default();

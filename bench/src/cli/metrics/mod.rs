@@ -54,7 +54,7 @@ Examples:
   sharp-bench metrics prediction.png target.png
   sharp-bench metrics predictions/ targets/ --metrics psnr,ssim --csv scores.csv
   sharp-bench metrics a.png b.png --metrics all --weights alexnet=FILE --weights vgg16=FILE --json
-  sharp-bench metrics a.png b.png --metrics all --find 0.652   which convention gives 0.652?
+  sharp-bench metrics a.png b.png --metrics all --find 0.652   # which convention gives 0.652?
   sharp-bench metrics predictions/ targets/ --mask masks/ --maps maps/
   sharp-bench metrics --explain --metrics all
   sharp-bench metrics --methods-text --metrics lpips-alex,dists
@@ -88,8 +88,8 @@ pub(super) struct MetricsArgs {
     /// Show the terms of LPIPS and DISTS, layer by layer
     #[arg(long)]
     terms: bool,
-    /// Find the selected metrics, and variants in other packages, whose value equals this number when rounded or
-    /// truncated to as many decimals
+    /// Find which of the selected metrics, or of their variants in other packages, give this number. Values are rounded or
+    /// truncated to its number of decimals
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     find: Option<find::Sought>,
     /// Resize each prediction to the size of its target first, with this kernel of torch, PIL or OpenCV; the results

@@ -38,10 +38,8 @@ Examples:
   sharp-bench render photo.ply --camera cam.json --out view.exr
   sharp-bench render photo.ply --trajectory rotate_forward --depth --out photo.mp4
   sharp-bench render photo.ply --trajectory swipe --frames 30 --write-cameras --out frames
-  sharp-bench render photo.ply --offset-m 0.05,0,0 --layer all --out right.png
+  sharp-bench render photo.ply --offset-m 0.05,0,0 --out right.png
   sharp-bench render photo.ply --trajectory rotate_forward --viewer photo.html
-  sharp-bench render scene.safetensors --rendering gsplat-antialiased --camera cam.json \\
-      --out view.png
 
 cam.json, with pixel centres at +0.5, and both matrices row by row (camera_from_world may be any affine map):
   {\"width\": 640, \"height\": 480, \"K\": [500,0,320, 0,500,240, 0,0,1],

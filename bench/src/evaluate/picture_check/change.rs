@@ -99,9 +99,9 @@ pub(crate) fn is_checked(kind: &str) -> bool {
     ["imported", "command"].contains(&kind)
 }
 
-/// Sets [`Record::change`] if undoing a change brings the picture significantly closer to the part of the photograph
-/// that it covers, or if the picture is a copy of the source's photograph. `source` reads the source's photograph and
-/// shrinks it.
+/// Sets [`Record::change`] if the picture equals the part of the photograph that it covers, is a copy of the source's
+/// photograph, has been altered in a way that [`likely_change`] knows, or resembles neither photograph. `source` reads the
+/// source's photograph and shrinks it.
 pub(crate) fn note_change(
     record: &mut Record,
     photograph: &RgbImage,

@@ -30,8 +30,8 @@ const MIN_PLACE_GAIN_DB: f64 = 1.5;
 /// photograph by at least this, in dB.
 const MIN_PANEL_GAIN_DB: f64 = 3.0;
 
-/// The change if the picture `shown` is panels, a stretched crop, or padded. Picture and photograph (`seen`) are shrunk
-/// to the same size.
+/// How the picture `shown` was altered, if it consists of panels, is a stretched crop or has been padded. It must have the
+/// size of the photograph `seen`.
 pub(super) fn placement_change(seen: &RgbImage, shown: &RgbImage) -> Option<PictureChange> {
     if seen.width() < SEARCH_WIDTH / 2 || seen.height() < SEARCH_WIDTH / 4 {
         return None;

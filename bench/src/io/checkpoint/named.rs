@@ -21,8 +21,8 @@ pub enum NetworkError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(
-        "{source} (compared with the network `{preset}`); for a network of another size, give its configuration with \
-         config=FILE.json#NAME (--config)"
+        "{source} (compared with the network `{preset}`); for a network of another size, give its configuration: \
+         config=FILE.json#NAME in --method, else --config"
     )]
     Sizes {
         preset: String,
@@ -36,8 +36,8 @@ pub enum NetworkError {
     )]
     DepthPro { checkpoint: PathBuf },
     #[error(
-        "{}: several configurations in the same folder fit this checkpoint ({names}); choose one with \
-         config=FILE.json#NAME (--config)", checkpoint.display()
+        "{}: several configurations in the same folder fit this checkpoint ({names}); choose one: \
+         config=FILE.json#NAME in --method, else --config", checkpoint.display()
     )]
     SeveralConfigs { checkpoint: PathBuf, names: String },
     #[error(

@@ -337,15 +337,11 @@ fn means_over_scenes_or_sources_are_said_to_be_so() {
     // By scene: (10 + 20 + 30) / 3 and 40. By source: 15, 30 and 40.
     for (aggregation, mean, said) in [
         (Aggregation::Pairs, 25.0, ""),
-        (
-            Aggregation::Scenes,
-            30.0,
-            "mean over scenes of means over pairs",
-        ),
+        (Aggregation::Scenes, 30.0, "mean of the scenes' means"),
         (
             Aggregation::Sources,
             85.0 / 3.0,
-            "mean over source views of means over targets",
+            "mean of the source views' means",
         ),
     ] {
         results.manifest.aggregation = aggregation;
