@@ -1,11 +1,10 @@
-//! Quick check of scenes for contradictions at the start of a run. Results are cached by the content of the checked
-//! views.
+//! Quick check of scenes for contradictions at the start of a run. Scenes without contradictions are remembered by the
+//! content of the checked views.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use sharp_datasets::Scene;
 use sharp_datasets::check::{self, advice::Units};
 
@@ -22,18 +21,12 @@ const SCENES: usize = 64;
 /// Maximum number of scenes that a warning names.
 const NAMED: usize = 3;
 
-/// Checks scenes for contradictions, with cached results. Cache files that cannot be read or written are ignored.
+/// Checks scenes for contradictions, except those that are known to have none. Cache files that cannot be read or written
+/// are ignored.
 #[derive(Debug, Default)]
 pub struct SceneChecks {
     folder: Option<PathBuf>,
     hashes: ViewHashes,
-}
-
-/// The contradictions found in a scene, as stored in a cache file.
-#[derive(Serialize, Deserialize)]
-struct Found {
-    key: String,
-    contradictions: Vec<String>,
 }
 
 impl SceneChecks {
@@ -93,25 +86,19 @@ impl SceneChecks {
         }
         let path = self.key(scene, settings, &views).and_then(|key| {
             let folder = self.folder.as_ref()?.join(&key[..2]);
-            Some((folder.join(format!("{key}.json")), key))
+            Some((folder.join(&key), key))
         });
         if let Some((path, key)) = &path {
             let bytes = sharp::files::read(path).ok();
-            let found = bytes.and_then(|bytes| serde_json::from_slice::<Found>(&bytes).ok());
-            if let Some(found) = found.filter(|found| found.key == *key) {
-                return found.contradictions;
+            if bytes.is_some_and(|bytes| bytes == key.as_bytes()) {
+                return Vec::new();
             }
         }
         let contradictions = check::contradictions(scene, units);
-        if let Some((path, key)) = path {
-            let found = Found {
-                key,
-                contradictions,
-            };
-            let bytes = serde_json::to_vec(&found).unwrap_or_default();
+        // The cause of a contradiction may have been found in views that the key does not contain.
+        if let Some((path, key)) = path.filter(|_| contradictions.is_empty()) {
             // If this fails, the scene is merely checked again next time.
-            let _ = write_atomic(&path, &bytes);
-            return found.contradictions;
+            let _ = write_atomic(&path, key.as_bytes());
         }
         contradictions
     }

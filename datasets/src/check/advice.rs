@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use glam::DVec2;
 
 use super::change::{Change, Focal, Moves};
+use super::convention::PICTURES_TURNED;
 use super::explained::Explained;
 use super::small_view::Part;
 use crate::{DatasetSpec, View};
@@ -172,9 +173,16 @@ pub(super) fn sentence(
             )
         }
         Change::Convention(name) => {
-            format!(
-                "the pose convention looks wrong; the poses fit better if read with {name} ({evidence})"
-            )
+            let turned = views.iter().filter(|_| *name == PICTURES_TURNED);
+            let mut turned = turned.filter_map(|v| v.content.image_otherwise_turned().ok()?);
+            match turned.next() {
+                Some((_, setting)) => format!(
+                    "the pictures are turned by 180 degrees; {setting} fits better ({evidence})"
+                ),
+                None => format!(
+                    "the pose convention looks wrong; the poses fit better if read with {name} ({evidence})"
+                ),
+            }
         }
         Change::Views(sentence) | Change::Shifted(sentence) => sentence.clone(),
         Change::Unlisted => format!("pictures and poses contradict each other ({evidence})"),

@@ -80,6 +80,14 @@ impl Focal {
 }
 
 impl Change {
+    /// True for changes with so many degrees of freedom that the few views of a quick check do not determine them.
+    pub(super) fn needs_more_views(&self) -> bool {
+        matches!(
+            self,
+            Self::Order(..) | Self::Unlisted | Self::Views(_) | Self::Shifted(_)
+        )
+    }
+
     /// True for changes that may improve the match of colours without improving the match of
     /// depths.
     pub(super) fn shows_in_colours(&self) -> bool {

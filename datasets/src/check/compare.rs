@@ -48,6 +48,9 @@ const AS_FAR_COLOURS: f64 = 0.97;
 /// An interpretation under which as many samples land in the other view is refuted if the fraction of depths that agree falls
 /// below this share of the fraction under the reader's interpretation, even if colours fit better.
 const MIN_AGREEMENT: f64 = 0.5;
+/// Minimum number of colours that an interpretation of a single view compares, as a fraction of those compared under the
+/// reader's interpretation.
+const MIN_COMPARED: f64 = 0.5;
 /// Minimum texture of the places that an interpretation compares, as a fraction of the texture of the places compared
 /// under the reader's interpretation.
 const MIN_TEXTURE: f64 = 0.2;
@@ -103,6 +106,14 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained], is_order: b
     let disagrees =
         landed(other) >= landed(as_read) && after.agreement() < MIN_AGREEMENT * before.agreement();
     is_farther || disagrees
+}
+
+/// True if another interpretation of a single view compares enough colours and no fewer depths agree. Otherwise it only
+/// moves what a mask leaves to places where nothing is known.
+pub(super) fn is_supported(as_read: &[Explained], other: &[Explained]) -> bool {
+    let [before, after] = [as_read, other].map(forward);
+    after.compared as f64 >= MIN_COMPARED * before.compared as f64
+        && after.agreement() >= before.agreement()
 }
 
 /// True if another interpretation compares mainly places without texture, such as sky, which fit each other anywhere.

@@ -34,6 +34,10 @@ pub(super) const CONVENTIONS: [Convention; 4] = [
     ),
 ];
 
+/// Without depth, pictures turned by 180 degrees fit these poses.
+pub(super) const PICTURES_TURNED: &str =
+    "the cameras' x and y axes negated (pictures turned by 180 degrees)";
+
 /// Axes negated by mistake; no program uses these conventions.
 const MIRRORED: [Convention; 8] = [
     of(
@@ -48,10 +52,7 @@ const MIRRORED: [Convention; 8] = [
         "the cameras' z axis negated (a left-handed system)",
         |pose| camera_mirrored(pose, Z),
     ),
-    of(
-        "the cameras' x and y axes negated (pictures turned by 180 degrees)",
-        |pose| camera_mirrored(pose, -Z),
-    ),
+    of(PICTURES_TURNED, |pose| camera_mirrored(pose, -Z)),
     of("the translations negated", |pose| {
         places_mirrored(pose, -DVec3::ONE)
     }),

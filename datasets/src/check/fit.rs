@@ -3,6 +3,7 @@
 
 use glam::DVec2;
 
+use super::THOROUGH;
 use super::advice::{self, Units};
 use super::change::{Better, Change, Focal};
 use super::compare::{
@@ -235,7 +236,14 @@ impl Neighbours<'_> {
                 text + rounded.as_deref().unwrap_or_default()
             }
         };
-        match self.better(units) {
+        let better = self.better(units);
+        let is_open = better
+            .as_ref()
+            .is_some_and(|better| better.change.needs_more_views());
+        if is_open && !self.thorough {
+            return Self::new(self.views, THOROUGH)?.contradictions(units);
+        }
+        match better {
             Some(better) => {
                 let evidence = advice::evidence(&better.as_read, &better.explained);
                 let is_doubtful = better.is_slight
@@ -391,7 +399,6 @@ impl Neighbours<'_> {
 mod tests {
     use super::*;
     use crate::View;
-    use crate::check::THOROUGH;
     use crate::check::tests::{is_tried, views};
     use sharp::camera::RigidTransform;
 

@@ -8,7 +8,7 @@ use sharp::camera::{RigidTransform, baseline_m};
 
 use super::advice::{evidence, number};
 use super::change::Change;
-use super::compare::{MIN_GAIN_OF_VIEWS, forward, is_better, mean_loss};
+use super::compare::{MIN_GAIN_OF_VIEWS, forward, is_better, is_supported, mean_loss};
 use super::explained::{Explained, Reading};
 use super::neighbours::Neighbours;
 use super::search::{is_reportable, least};
@@ -86,7 +86,10 @@ impl Neighbours<'_> {
             }
             for (what, other) in self.changed(own, &|one| mean_loss(&links_by(one, rough))) {
                 let mended = links(&other);
-                if mean_loss(&mended) > wanted || !is_better(&read, &mended, MIN_GAIN_OF_VIEWS) {
+                if mean_loss(&mended) > wanted
+                    || !is_better(&read, &mended, MIN_GAIN_OF_VIEWS)
+                    || !is_supported(&read, &mended)
+                {
                     continue;
                 }
                 let carries = self.carries.iter().zip(as_read);

@@ -27,9 +27,16 @@ pub(super) fn execute(
     as_json: bool,
 ) -> anyhow::Result<Outcome> {
     let checkpoint = Checkpoint::open(file)?;
+    // By default, only files with SHARP's modules are compared with a network.
+    let sharp = CheckpointSource::open(file)
+        .ok()
+        .filter(|source| source.has("monodepth_model"));
+    let prefix = sharp.as_ref().and_then(CheckpointSource::left_out);
+    let prefix = prefix.unwrap_or_default();
     let mut modules: BTreeMap<String, Module> = BTreeMap::new();
     for name in checkpoint.names() {
-        let module = modules.entry(module_of(name)).or_default();
+        let module = module_of(name.strip_prefix(prefix).unwrap_or(name));
+        let module = modules.entry(module).or_default();
         let values = checkpoint.tensor_f32(name)?;
         module.tensors += 1;
         module.parameters += values.len();
@@ -67,13 +74,9 @@ pub(super) fn execute(
         }
         text
     })?;
-    // By default, only files with SHARP's modules are compared with a network.
-    let looks_like_sharp = modules
-        .keys()
-        .any(|name| name.starts_with("monodepth_model"));
-    if looks_like_sharp || config.is_some() {
-        let source = CheckpointSource::open(file)?;
-        let implausible = source.implausible_weights()?.filter(|_| looks_like_sharp);
+    if sharp.is_some() || config.is_some() {
+        let implausible = sharp.as_ref().map(CheckpointSource::implausible_weights);
+        let implausible = implausible.transpose()?.flatten();
         if let Some(implausible) = &implausible {
             output::remark(format!("warning: {}: {implausible}", file.display()));
         }
@@ -89,7 +92,7 @@ pub(super) fn execute(
                 (found.config.preset.clone(), found.config)
             }
         };
-        source.check(&network, allow_unused)?;
+        CheckpointSource::open(file)?.check(&network, allow_unused)?;
         if !as_json {
             output::line(format!("has all tensors of the network '{name}'"))?;
         }

@@ -135,10 +135,19 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
         Some(config) => ModelConfig::load(config)?,
         None if own.is_empty() && fits(&release).is_ok() => release,
         None => {
-            let mut found = beside(file);
-            found.retain(|(_, config)| fits(config).is_ok());
-            match &found[..] {
-                [] => release,
+            let found = beside(file);
+            let (fitting, others): (Vec<_>, Vec<_>) = found
+                .into_iter()
+                .partition(|(_, config)| fits(config).is_ok());
+            match &fitting[..] {
+                // Its own configuration explains best what does not fit.
+                [] => match others.into_iter().next() {
+                    Some((name, config)) if !own.is_empty() => ModelConfig {
+                        preset: name,
+                        ..config
+                    },
+                    _ => release,
+                },
                 [(name, config)] => {
                     notes.push(format!(
                         "the checkpoint's tensor shapes match {name} next to the file"

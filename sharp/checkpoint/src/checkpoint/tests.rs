@@ -191,6 +191,15 @@ fn a_nested_state_dict_is_found_and_ambiguity_is_named() {
     let files = Files::new();
     let one = files.zip(nested(&["state_dict"])).unwrap();
     assert_eq!(one.names().collect::<Vec<_>>(), ["w"]);
+    let beside = Pickle::new()
+        .op(b"}(")
+        .text("loss")
+        .float("0", 24, 0, &[1], &[1]);
+    let beside = beside.text("model").op(b"}(");
+    let beside = beside.text("w").float("0", 24, 0, &[1], &[1]);
+    let beside = beside.text("b").float("0", 24, 1, &[1], &[1]);
+    let beside = files.zip(beside.op(b"uu").end()).unwrap();
+    assert_eq!(beside.names().collect::<Vec<_>>(), ["b", "w"]);
     let two = zip_of(&nested(&["ema", "model"]));
     let why = files.open(&two).unwrap_err().to_string();
     assert!(why.contains("'ema', 'model'"), "{why}");

@@ -16,8 +16,9 @@ pub(crate) struct NamedTensors {
     pub(crate) others: Vec<String>,
 }
 
-/// Selects the state dict in `root`. If `root` itself contains tensors, `root` is the state dict;
-/// otherwise, exactly one dict inside `root` must contain tensors.
+/// Selects the state dict in `root`. If `root` itself contains tensors, and no dict inside it contains more, `root` is the
+/// state dict; otherwise, exactly one dict inside `root` must contain tensors. A loss or the state of a random generator
+/// often stands next to the state dict.
 ///
 /// `place` returns the byte range of a storage in the file of `file_len` bytes.
 pub(crate) fn resolve<'a>(
@@ -35,7 +36,12 @@ pub(crate) fn resolve<'a>(
             root.kind()
         )));
     };
-    let chosen = if has_tensors(&top) {
+    let own = tensors(top.values());
+    let inner = top.values().filter_map(|&value| match value {
+        Value::Dict(id) => Some(tensors(heap.dicts[id as usize].iter().map(|(_, v)| v))),
+        _ => None,
+    });
+    let chosen = if own > 0 && inner.max().is_none_or(|inner| inner <= own) {
         top
     } else {
         only_nested(heap, top, MAX_DEPTH)?
@@ -81,8 +87,8 @@ fn entries<'a>(heap: &Heap<'a>, value: Value<'a>) -> Option<BTreeMap<&'a str, Va
     )
 }
 
-fn has_tensors(entries: &BTreeMap<&str, Value<'_>>) -> bool {
-    entries.values().any(|v| matches!(v, Value::Tensor(_)))
+fn tensors<'v, 'a: 'v>(values: impl Iterator<Item = &'v Value<'a>>) -> usize {
+    values.filter(|v| matches!(v, Value::Tensor(_))).count()
 }
 
 /// Maximum nesting depth at which a state dict is searched for.
@@ -109,7 +115,7 @@ fn only_nested<'a>(
     }
     match nested[..] {
         [key] => match entries(heap, top[key]) {
-            Some(found) if has_tensors(&found) => Ok(found),
+            Some(found) if tensors(found.values()) > 0 => Ok(found),
             _ => Err(Fault::StateDict(format!(
                 "the keys of the tensors under '{key}' are not strings"
             ))),
