@@ -110,6 +110,12 @@ pub(super) fn sentence(
              near · far / (far − value · (far − near)) for values from 0 to 1",
             number(*near)
         ),
+        Change::InverseBetween(near, far) => format!(
+            "the stored depth is the reciprocal of depth, normalised between about {} m and about {} m ({evidence}); convert \
+             it to metres: 1 / z = 1 / far + value · (1 / near − 1 / far) for values from 0 to 1",
+            number(*near),
+            number(*far)
+        ),
         Change::Planes { scale, by } => {
             let (factor, offset) = (
                 number(1.0 / scale),

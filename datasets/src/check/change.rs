@@ -33,6 +33,8 @@ pub(super) enum Change {
     /// The stored values are reciprocals of depths; holds the factor by which the poses'
     /// translations must be multiplied to fit these depths.
     Inverse(f64),
+    /// Depth maps hold reciprocals of depth, normalised between these two distances in metres, the nearer one first.
+    InverseBetween(f64, f64),
     /// Depth maps hold values of a z-buffer; holds the distance of the near plane in metres.
     Buffer(f64),
     /// The poses use another convention; holds its [`Convention::name`](super::convention::Convention::name).
@@ -100,6 +102,7 @@ impl Change {
                 | Self::Bent(_)
                 | Self::Registered(_)
                 | Self::Buffer(_)
+                | Self::InverseBetween(..)
                 | Self::Planes { .. }
                 | Self::RayLength
                 | Self::NoRayLength

@@ -18,6 +18,10 @@ pub(super) enum DepthIs {
     /// Values of a z-buffer, `v · (1 − near / depth)`; holds v, the value at infinite depth. The
     /// resulting depth is in units of the near plane's distance.
     Buffer(f64),
+    /// The reciprocal of depth, normalised between a far distance, stored as 0, and the near distance that the first number
+    /// stands for. The second is what must be added to the values so that they are proportional to the reciprocals. The
+    /// resulting depth is in units of the near distance.
+    InverseBetween(f64, f64),
     /// The depth minus this many metres.
     Short(f64),
 }
@@ -30,6 +34,7 @@ impl DepthIs {
             Self::NoRayLength => read * ray.length(),
             Self::Inverse => 1.0 / read,
             Self::Buffer(infinite) => 1.0 / (1.0 - read / infinite).max(1e-6),
+            Self::InverseBetween(near, offset) => (near + offset) / (read + offset),
             Self::Short(by) => read + by,
         }
     }

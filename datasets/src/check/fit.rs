@@ -153,6 +153,7 @@ impl Neighbours<'_> {
                     | Change::NoRayLength
                     | Change::Short(_)
                     | Change::Buffer(_)
+                    | Change::InverseBetween(..)
                     | Change::Planes { .. }
             );
             !(self.depth_by_pose && is_function)
@@ -182,6 +183,7 @@ impl Neighbours<'_> {
             .into_iter()
             .chain(self.elsewhere(&as_read))
             .chain(is_poor.then(|| self.z_buffer()))
+            .chain(is_poor.then(|| self.inverse_between()))
             .chain(is_poor.then(|| self.between_planes()));
         let complex: Vec<_> = complex.filter(is_candidate).collect();
         let is_poor = is_poor || !complex.is_empty();

@@ -112,6 +112,36 @@ fn z_buffers_are_named_and_not_called_a_scale() {
     }
 }
 
+#[test]
+fn normalised_reciprocals_of_depth_are_named() {
+    for (world, right) in (0..).zip(&classic_and_varied()) {
+        let depths = right
+            .iter()
+            .filter_map(|view| view.content.depth().unwrap());
+        let depths = depths.flat_map(|depth| depth.into_raw());
+        let known: Vec<f64> = depths.filter(|z| *z > 0.0).map(f64::from).collect();
+        let [near, far] = [f64::min, f64::max].map(|of| known.iter().copied().reduce(of).unwrap());
+        let (near, far) = (0.8 * near, 1.5 * far);
+        for (i, unit) in [1.0, 255.0, 65.535].into_iter().enumerate() {
+            if !is_tried(i, world) {
+                continue;
+            }
+            let mut wrong = right.clone();
+            change(&mut wrong, |c| {
+                c.each(|z| (unit * (far / f64::from(z) - 1.0) / (far / near - 1.0)) as f32);
+            });
+            for effort in [QUICK, THOROUGH] {
+                is_named(
+                    "inverse",
+                    &wrong,
+                    effort,
+                    "the reciprocal of depth, normalised",
+                );
+            }
+        }
+    }
+}
+
 /// Views through a lens that shows radius r at r (1 + k1 r²), with cameras that state no
 /// distortion.
 fn distorted(views: &mut [View], k1: f64) {

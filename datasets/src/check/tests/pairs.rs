@@ -149,6 +149,7 @@ fn advised_settings_exist_in_every_reader() {
         Change::Scale(1e-6),
         Change::Inverse(2.0),
         Change::Buffer(0.1),
+        Change::InverseBetween(1.0, 10.0),
         Change::RayLength,
         Change::NoRayLength,
         Change::Focal(Focal::Both, 0.25),
