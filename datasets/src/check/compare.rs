@@ -51,6 +51,9 @@ const MIN_AGREEMENT: f64 = 0.5;
 /// Minimum number of colours that an interpretation of a single view compares, as a fraction of those compared under the
 /// reader's interpretation.
 const MIN_COMPARED: f64 = 0.5;
+/// Minimum fraction of depths that agree under an interpretation of a single view, as a fraction of that under the reader's
+/// interpretation.
+const MIN_AGREEMENT_OF_VIEW: f64 = 0.9;
 /// Minimum texture of the places that an interpretation compares, as a fraction of the texture of the places compared
 /// under the reader's interpretation.
 const MIN_TEXTURE: f64 = 0.2;
@@ -108,12 +111,12 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained], is_order: b
     is_farther || disagrees
 }
 
-/// True if another interpretation of a single view compares enough colours and no fewer depths agree. Otherwise it only
-/// moves what a mask leaves to places where nothing is known.
+/// True if another interpretation of a single view still compares enough colours, and about as many depths agree.
+/// Otherwise, it merely moves the part that a mask leaves to a place where nothing is known.
 pub(super) fn is_supported(as_read: &[Explained], other: &[Explained]) -> bool {
     let [before, after] = [as_read, other].map(forward);
     after.compared as f64 >= MIN_COMPARED * before.compared as f64
-        && after.agreement() >= before.agreement()
+        && after.agreement() >= MIN_AGREEMENT_OF_VIEW * before.agreement()
 }
 
 /// True if another interpretation compares mainly places without texture, such as sky, which fit each other anywhere.

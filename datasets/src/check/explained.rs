@@ -18,9 +18,8 @@ pub(super) enum DepthIs {
     /// Values of a z-buffer, `v · (1 − near / depth)`; holds v, the value at infinite depth. The
     /// resulting depth is in units of the near plane's distance.
     Buffer(f64),
-    /// The reciprocal of depth, normalised between a far distance, stored as 0, and the near distance that the first number
-    /// stands for. The second is what must be added to the values so that they are proportional to the reciprocals. The
-    /// resulting depth is in units of the near distance.
+    /// Reciprocals of depth, normalised so that 0 stands for a far distance. Holds the value of the near distance, and the
+    /// offset that makes values proportional to reciprocals of depth. The resulting depth is in units of the near distance.
     InverseBetween(f64, f64),
     /// The depth minus this many metres.
     Short(f64),

@@ -275,6 +275,11 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             note = Some(matches.note());
             let named = still().or_else(|| repeated(matches.repeated.clone()));
             let named = named.or_else(|| matches.contradiction(units));
+            let named = named.or_else(|| {
+                let is_open = !effort.thorough && matches.is_poorly_explained();
+                let all = is_open.then(|| Matches::new(&scene.views, THOROUGH, true));
+                all?.contradiction(units)
+            });
             named.or_else(|| floor(&matches, None))
         }
     });

@@ -5,14 +5,15 @@ use sharp::gaussians::Gaussians;
 use sharp::render::RenderError;
 
 use super::likeness::{Likeness, between_pixels};
-use super::rereading::{MIN_FACING_AREA, Seen, Trial};
+use super::rereading::{MIN_FACING_AREA, MIN_NARROWER_GAIN_DB, Seen, Trial};
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
 /// Factors by which standard deviations are multiplied to find a better match.
 const WIDTHS: [f64; 9] = [1.0 / 3.0, 0.1, 0.01, 0.001, 2.0, 3.0, 10.0, 100.0, 1000.0];
-/// Minimum gain for reporting narrower standard deviations, in dB. Crude but correct Gaussians gain less.
-const MIN_NARROWER_GAIN_DB: f64 = 4.0;
+/// Minimum gain for reporting a part that was not turned with the rest, in dB. Correct Gaussians that leave gaps gain less
+/// if they are turned.
+const MIN_TURN_GAIN_DB: f64 = 2.0;
 /// Minimum gain for reporting wider standard deviations, in dB. Correct Gaussians with holes gain less.
 const MIN_WIDER_GAIN_DB: f64 = 6.0;
 /// Minimum gain for reporting a factor of the standard deviations that comparing depths suggests, in dB.
@@ -155,6 +156,7 @@ impl Trial<'_> {
             }
             if let Some(fit) = self.fit(&other, other_map)?
                 && fit.is_better_than(as_read)
+                && fit.gain_over(as_read) >= MIN_TURN_GAIN_DB
                 && best
                     .as_ref()
                     .is_none_or(|(_, known)| fit.error() < known.error())

@@ -63,8 +63,11 @@ const MIN_ENLARGEMENT: f64 = 1.3;
 const WIDE_LAYERS: f64 = 500.0;
 /// A view counts as wholly shown if Gaussians cover at least this share of it.
 const MIN_WHOLE_COVERAGE: f64 = 0.7;
+/// Minimum gain for reporting that Gaussians should be narrower, in dB. Crude but correct Gaussians gain less.
+pub(super) const MIN_NARROWER_GAIN_DB: f64 = 4.0;
 /// Another order of quaternions is accepted only if the area of the Gaussians is at least this fraction of the area as
-/// read. Wrong orders reduce the area, because most Gaussians lie on surfaces that face the camera.
+/// read, or if it gains [`MIN_NARROWER_GAIN_DB`]. Wrong orders reduce the area, because most Gaussians lie on surfaces that
+/// face the camera.
 pub(super) const MIN_FACING_AREA: f64 = 0.97;
 /// Another named rendering rule is advised only if it gains at least this much, in dB. In the source's own view, poor but
 /// correctly drawn Gaussians look much the same under all rules.
@@ -493,9 +496,10 @@ impl Trial<'_> {
                 let is_off = is_shift
                     && candidate.placement.focal == before.placement.focal
                     && !self.brings_colors_nearer(&decoded, before, candidate.placement);
-                // Skip orders of quaternions that show the Gaussians more edge-on: they would only sharpen a rendering
-                // whose Gaussians are too wide.
+                // Skip orders of quaternions that show the Gaussians more edge-on and gain little: they would only sharpen
+                // a rendering whose Gaussians are too wide.
                 let is_narrower = candidate.stored.quaternions != before.stored.quaternions
+                    && fit.gain_over(fit_before) < MIN_NARROWER_GAIN_DB
                     && area(&candidate) < MIN_FACING_AREA * area(before);
                 let is_misleading = is_narrower || is_chance || is_weak_rule || is_noise || is_off;
                 if is_better && !worse && is_closest && !is_misleading {

@@ -41,6 +41,8 @@ pub(super) const CLOSE: f64 = 3.0;
 const MIN_SIDE: u32 = 48;
 /// Poses are judged only if there are at least this many matches.
 pub(super) const MIN_MATCHES: usize = 30;
+/// A scene is examined more closely if the dataset reader's interpretation explains less than this fraction of the matches.
+const MIN_EXPLAINED: f64 = 0.75;
 /// Another interpretation counts as better only if it explains at least this fraction of the matches.
 const MIN_SHARE: f64 = 0.6;
 /// Another interpretation must explain a larger fraction of the matches than the dataset reader's own, by at least
@@ -154,6 +156,11 @@ impl<'a> Matches<'a> {
                 "poses: not checked (no depth, and only {n} features match between neighbouring views)"
             )
         }
+    }
+
+    /// True if fewer matches than in valid data lie on their epipolar lines.
+    pub(super) fn is_poorly_explained(&self) -> bool {
+        share(&self.explained(CONVENTIONS[0].take, &Some)) < MIN_EXPLAINED
     }
 
     pub(super) fn contradiction(&self, units: Units) -> Option<String> {
