@@ -69,6 +69,8 @@ pub(super) const MIN_NARROWER_GAIN_DB: f64 = 4.0;
 /// read, or if it gains [`MIN_NARROWER_GAIN_DB`]. Wrong orders reduce the area, because most Gaussians lie on surfaces that
 /// face the camera.
 pub(super) const MIN_FACING_AREA: f64 = 0.97;
+/// Of two readings, the part of the source decides if they differ there by at least this, in dB.
+const MIN_DECISIVE_GAIN_DB: f64 = 1.5;
 /// Another named rendering rule is advised only if it gains at least this much, in dB. In the source's own view, poor but
 /// correctly drawn Gaussians look much the same under all rules.
 const MIN_RULE_GAIN_DB: f64 = 3.0;
@@ -355,8 +357,8 @@ impl Trial<'_> {
 
     /// The best reading that explains the photograph significantly better than `as_read`, either in this part alone or
     /// together with `neighbours` (other views of the scene), and that does not increase the error in the neighbours.
-    /// Several such readings are ranked by the gain over part and neighbours, because wrongly rotated Gaussians may
-    /// cover their own source better than correct ones.
+    /// Several such readings are ranked by the gain over part and neighbours, unless the part alone decides
+    /// ([`MIN_DECISIVE_GAIN_DB`]): wrongly rotated Gaussians may cover either slightly better than correct ones.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
@@ -481,7 +483,8 @@ impl Trial<'_> {
                 // Only the source decides between two forms of colours: in other views, wrong geometry causes blur,
                 // which paler colours hide.
                 let is_closest = chosen.as_ref().is_none_or(|(other, its_fit, its_gain)| {
-                    if recolors && other.stored.colors != before.stored.colors {
+                    let is_decided = fit.gain_over(its_fit).abs() >= MIN_DECISIVE_GAIN_DB;
+                    if is_decided || recolors && other.stored.colors != before.stored.colors {
                         fit.error() < its_fit.error()
                     } else {
                         gain > *its_gain
