@@ -28,9 +28,15 @@ pub(super) fn execute(
 ) -> anyhow::Result<Outcome> {
     let checkpoint = Checkpoint::open(file)?;
     // By default, only files with SHARP's modules are compared with a network.
-    let sharp = CheckpointSource::open(file)
-        .ok()
-        .filter(|source| source.has("monodepth_model"));
+    let sharp = if checkpoint
+        .names()
+        .any(|name| name.contains("monodepth_model"))
+    {
+        let source = CheckpointSource::open(file)?;
+        Some(source).filter(|source| source.has("monodepth_model"))
+    } else {
+        None
+    };
     let prefix = sharp.as_ref().and_then(CheckpointSource::left_out);
     let prefix = prefix.unwrap_or_default();
     let mut modules: BTreeMap<String, Module> = BTreeMap::new();
