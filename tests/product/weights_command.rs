@@ -58,6 +58,15 @@ fn weights_are_made_checked_and_converted() {
         "{}",
         said.out
     );
+    // A configuration of the same name that does not fit is the one that the error is about.
+    let other = fs::read_to_string(&tiny).unwrap();
+    let other = other.replace(r#""embed_dim": 32"#, r#""embed_dim": 64"#);
+    fs::write(dir.path().join("a.json"), other).unwrap();
+    let said = run(dir.path(), &["weights", "check", "a.safetensors"]).ends_with(1);
+    holds(
+        &said.err,
+        &["another shape", "compared with the network `a.json#"],
+    );
     std::fs::write(dir.path().join("page.pt"), b"<!DOCTYPE html>").unwrap();
     assert_eq!(run(dir.path(), &["weights", "check", "page.pt"]).code, 1);
 }

@@ -28,16 +28,14 @@ pub(super) fn execute(
 ) -> anyhow::Result<Outcome> {
     let checkpoint = Checkpoint::open(file)?;
     // By default, only files with SHARP's modules are compared with a network.
-    let sharp = if checkpoint
-        .names()
-        .any(|name| name.contains("monodepth_model"))
-    {
-        let source = CheckpointSource::open(file)?;
-        Some(source).filter(|source| source.has("monodepth_model"))
+    const SHARP: &str = "monodepth_model";
+    let source = if config.is_some() || checkpoint.names().any(|name| name.contains(SHARP)) {
+        Some(CheckpointSource::open(file)?)
     } else {
         None
     };
-    let prefix = sharp.as_ref().and_then(CheckpointSource::left_out);
+    let source = source.filter(|source| config.is_some() || source.has(SHARP));
+    let prefix = source.as_ref().and_then(CheckpointSource::left_out);
     let prefix = prefix.unwrap_or_default();
     let mut modules: BTreeMap<String, Module> = BTreeMap::new();
     for name in checkpoint.names() {
@@ -80,9 +78,8 @@ pub(super) fn execute(
         }
         text
     })?;
-    if sharp.is_some() || config.is_some() {
-        let implausible = sharp.as_ref().map(CheckpointSource::implausible_weights);
-        let implausible = implausible.transpose()?.flatten();
+    if let Some(source) = source {
+        let implausible = source.implausible_weights()?.filter(|_| source.has(SHARP));
         if let Some(implausible) = &implausible {
             output::remark(format!("warning: {}: {implausible}", file.display()));
         }
@@ -98,7 +95,7 @@ pub(super) fn execute(
                 (found.config.preset.clone(), found.config)
             }
         };
-        CheckpointSource::open(file)?.check(&network, allow_unused)?;
+        source.check(&network, allow_unused)?;
         if !as_json {
             output::line(format!("has all tensors of the network '{name}'"))?;
         }
