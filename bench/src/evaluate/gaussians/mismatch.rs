@@ -136,23 +136,16 @@ impl Trial<'_> {
         for turn in self.turns(placement) {
             let mut other = with_turned_quaternions(gaussians, turn);
             let mut other_map = map;
-            match part {
-                // Skip turns that show the Gaussians more edge-on: they would only sharpen a rendering whose Gaussians
-                // are too wide.
-                Part::Quaternions
-                    if self.mean_area(&other, placement) < MIN_FACING_AREA * own_area =>
-                {
-                    continue;
+            if part == Part::Harmonics {
+                // Turning all else, and the camera backwards, turns the harmonics.
+                for mean in &mut other.means {
+                    let turned = turn * DVec3::from(mean.map(f64::from));
+                    *mean = turned.as_vec3().to_array();
                 }
-                Part::Quaternions => {}
-                // Turning all else and the camera backwards turns the harmonics.
-                Part::Harmonics => {
-                    for mean in &mut other.means {
-                        let turned = turn * DVec3::from(mean.map(f64::from));
-                        *mean = turned.as_vec3().to_array();
-                    }
-                    other_map *= DAffine3::from_quat(turn.inverse());
-                }
+                other_map *= DAffine3::from_quat(turn.inverse());
+            } else if self.mean_area(&other, placement) < MIN_FACING_AREA * own_area {
+                // Turns that show the Gaussians more edge-on would only sharpen a rendering whose Gaussians are too wide.
+                continue;
             }
             if let Some(fit) = self.fit(&other, other_map)?
                 && fit.is_better_than(as_read)

@@ -69,7 +69,8 @@ pub(super) const MIN_NARROWER_GAIN_DB: f64 = 4.0;
 /// read, or if it gains [`MIN_NARROWER_GAIN_DB`]. Wrong orders reduce the area, because most Gaussians lie on surfaces that
 /// face the camera.
 pub(super) const MIN_FACING_AREA: f64 = 0.97;
-/// Of two readings, the part of the source decides if they differ there by at least this, in dB.
+/// If two readings of the stored numbers differ by at least this in the compared part of the source, in dB, the closer one
+/// there is chosen, whatever other views show.
 const MIN_DECISIVE_GAIN_DB: f64 = 1.5;
 /// Another named rendering rule is advised only if it gains at least this much, in dB. In the source's own view, poor but
 /// correctly drawn Gaussians look much the same under all rules.
@@ -483,7 +484,8 @@ impl Trial<'_> {
                 // Only the source decides between two forms of colours: in other views, wrong geometry causes blur,
                 // which paler colours hide.
                 let is_closest = chosen.as_ref().is_none_or(|(other, its_fit, its_gain)| {
-                    let is_decided = fit.gain_over(its_fit).abs() >= MIN_DECISIVE_GAIN_DB;
+                    let is_decided = candidate.placement == other.placement
+                        && fit.gain_over(its_fit).abs() >= MIN_DECISIVE_GAIN_DB;
                     if is_decided || recolors && other.stored.colors != before.stored.colors {
                         fit.error() < its_fit.error()
                     } else {
@@ -559,8 +561,8 @@ impl Trial<'_> {
     }
 
     /// Whether other views allow replacing the first Gaussians, with the map that places them, by the second ones. If the
-    /// Gaussians were made from several views, the error in the views `elsewhere` must decrease, too; otherwise, or if
-    /// there are no such views, always true.
+    /// Gaussians were made from several views, the error in the views `elsewhere` must decrease, too. Always true if they
+    /// were made from one view, or if `elsewhere` is empty.
     pub(super) fn is_borne_out(
         &self,
         both: [(&Gaussians, DAffine3); 2],

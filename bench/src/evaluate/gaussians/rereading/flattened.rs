@@ -52,8 +52,8 @@ impl Trial<'_> {
         Ok(shift(&part, &self.renderer.picture(&output)))
     }
 
-    /// Whether the photograph's colours at the centres of the foremost Gaussians are nearer to the constant terms of the
-    /// Gaussians' colours under `placement` than under `before`. Unlike a rendering, this does not depend on how Gaussians cover each
+    /// Whether the foremost Gaussians have colours (their constant terms) that are closer to the photograph's at their
+    /// centres under `placement` than under `before`. Unlike a rendering, this does not depend on how Gaussians cover each
     /// other. True if no centre lies in the photograph.
     pub(super) fn brings_colors_nearer(
         &self,
