@@ -34,7 +34,7 @@ pub(super) const CONVENTIONS: [Convention; 4] = [
     ),
 ];
 
-/// Without depth, pictures turned by 180 degrees fit these poses.
+/// Name of the convention that also fits if the pictures, not the poses, are turned and there is no depth.
 pub(super) const PICTURES_TURNED: &str =
     "the cameras' x and y axes negated (pictures turned by 180 degrees)";
 

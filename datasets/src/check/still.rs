@@ -62,8 +62,8 @@ fn around(views: &[View], effort: Effort) -> BTreeSet<usize> {
         .collect()
 }
 
-/// How far the features that match between two views moved, apart from what the rotation between the poses explains, in
-/// reduced pixels and ascending. `None` if too few features match.
+/// The distances by which matching features moved from one view to the other, apart from what the rotation between the
+/// poses explains: in reduced pixels, in ascending order. `None` if too few features match.
 fn moves(one: &View, other: &View) -> Option<Vec<f64>> {
     let other_from_one = (other.camera_from_world).after(&one.camera_from_world.inverse());
     let ([camera, other_camera], matches) = matched_views(one, other)?;

@@ -60,7 +60,8 @@ pub struct TrainingConfig {
     #[serde(deserialize_with = "network")]
     pub network: ModelConfig,
     /// Checkpoint of this network that initialises the weights; it may have been trained at another picture size.
-    /// Without one, the weights are random. Here and in `initial_depth`, the harness also accepts `"mini"`, the bundled network.
+    /// Without one, the weights are random. Here and in `initial_depth`, the harness also accepts `"mini"`, the bundled
+    /// network.
     pub initial: Option<PathBuf>,
     /// Checkpoint of SHARP or Depth Pro that initialises the depth network only; all other weights are random.
     pub initial_depth: Option<PathBuf>,

@@ -83,8 +83,8 @@ pub(crate) struct PhotoArgs {
     /// Refuse photographs with more pixels, before they are decoded
     #[arg(long, value_name = "N", default_value_t = PhotoOptions::default().max_pixels)]
     pub(crate) max_pixels: u64,
-    /// How to treat the alpha channel of a photograph that is not opaque: drop (use the colours as stored, as the release does, and warn),
-    /// refuse, or black or white (composite over this colour, in encoded values)
+    /// How to treat the alpha channel of a photograph that is not opaque: drop (use the colours as stored, as the
+    /// release does, and warn), refuse, or black or white (composite over this colour, in encoded values)
     #[arg(long, value_name = "RULE", default_value_t = AlphaRule::Drop)]
     pub(crate) alpha: AlphaRule,
     /// How to treat a photograph whose colour profile is not sRGB: convert (to sRGB) or as-stored (as the release does)

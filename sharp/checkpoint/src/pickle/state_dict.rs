@@ -16,9 +16,9 @@ pub(crate) struct NamedTensors {
     pub(crate) others: Vec<String>,
 }
 
-/// Selects the state dict in `root`. If `root` itself contains tensors, and no dict inside it contains more, `root` is the
-/// state dict; otherwise, exactly one dict inside `root` must contain tensors. A loss or the state of a random generator
-/// often stands next to the state dict.
+/// Selects the state dict in `root`: `root` itself if it contains tensors and no dict inside it contains more. (A loss or
+/// the state of a random generator often stands next to the state dict.) Otherwise, exactly one dict inside `root` must
+/// contain tensors.
 ///
 /// `place` returns the byte range of a storage in the file of `file_len` bytes.
 pub(crate) fn resolve<'a>(
